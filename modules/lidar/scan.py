@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from modules.lidar.rplidar import CAPSULE_SIZE, FULL_TURN, NODE_SIZE, Node, capsule_nodes, decode_capsule, decode_node
+from modules.lidar.rplidar import (
+    CABINS,
+    CAPSULE_SIZE,
+    FULL_TURN,
+    NODE_SIZE,
+    Node,
+    capsule_nodes,
+    decode_capsule,
+    decode_node,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from modules.lidar.rplidar import Capsule
 
 BINS = 360
+HALF_BIN = FULL_TURN / BINS / 2
 _ZERO = Node(0.0, 0.0, 0)
 RUN = 4
 """Nodes in a row that must fit together before the parser trusts that it reads at the right byte."""
 LEAST_STEP, GREATEST_STEP = -5.0, 20.0
 """Degrees from one node to the next; anything else means that bytes are missing."""
 FEWEST_NODES = 20
-"""A turn with fewer is jitter around the zero angle."""
+"""A turn with fewer is jitter around the angle at which turns begin."""
+
+
+class Turn(NamedTuple):
+    """A full turn; `later` is how many nodes were measured after its last one and are known already."""
+
+    nodes: list[Node]
+    later: int
 
 
 class ScanParser(Protocol):
@@ -26,8 +43,15 @@ class ScanParser(Protocol):
 
     skipped: int
 
+    @property
+    def held(self) -> int:
+        """How many nodes have arrived and are not returned yet."""
+
     def feed(self, data: bytes) -> list[Node]:
         """Take the next bytes and return the nodes that are complete now."""
+
+    def forget(self) -> None:
+        """Forget what is incomplete: bytes are missing."""
 
 
 class NodeParser:
@@ -37,6 +61,11 @@ class NodeParser:
         self.skipped = 0
         self._buffer = bytearray()
         self._last: Node | None = None
+
+    @property
+    def held(self) -> int:
+        """How many nodes have arrived and are not returned yet."""
+        return len(self._buffer) // NODE_SIZE
 
     def feed(self, data: bytes) -> list[Node]:
         """Take the next bytes and return the nodes that are complete now; `skipped` counts the bytes of none."""
@@ -54,6 +83,11 @@ class NodeParser:
             self._last = found
         del self._buffer[:at]
         return nodes
+
+    def forget(self) -> None:
+        """Forget what is incomplete: bytes are missing."""
+        self._buffer.clear()
+        self._last = None
 
     def _next(self, at: int) -> Node | None:
         """Return the node at this byte if it fits its predecessor, or, when there is none, its successors."""
@@ -83,6 +117,11 @@ class CapsuleParser:
         self._buffer = bytearray()
         self._last: Capsule | None = None
 
+    @property
+    def held(self) -> int:
+        """How many nodes have arrived and are not returned yet: those of the last capsule."""
+        return 2 * CABINS if self._last else 0
+
     def feed(self, data: bytes) -> list[Node]:
         """Take the next bytes and return the nodes whose angles are known now."""
         self._buffer += data
@@ -98,38 +137,53 @@ class CapsuleParser:
             self._last = capsule
         return nodes
 
+    def forget(self) -> None:
+        """Forget what is incomplete: bytes are missing."""
+        self._buffer.clear()
+        self._last = None
+
 
 class Turns:
-    """Collects nodes into full turns; nodes before the start of the first turn are dropped.
+    """Collects nodes into full turns, which begin at the angle `front`; nodes before the first turn are dropped.
 
     A turn with a gap is counted in `lost` and dropped: missing nodes would look like free space.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, front: float = 0.0) -> None:
         self.lost = 0
+        self._front = front % FULL_TURN
         self._nodes: list[Node] = []
         self._begun = False
         self._whole = True
 
-    def add(self, nodes: Iterable[Node]) -> list[list[Node]]:
+    def add(self, nodes: Sequence[Node]) -> list[Turn]:
         """Take the next nodes and return the turns that they complete."""
         turns = []
-        for node in nodes:
+        for index, node in enumerate(nodes):
             follows = not self._nodes or _fits(self._nodes[-1], node)
             self._whole = self._whole and follows
             if self._ends_at(node):
                 if self._begun and self._whole:
-                    turns.append(self._nodes)
+                    turns.append(Turn(self._nodes, len(nodes) - index))
                 self.lost += self._begun and not self._whole
                 self._nodes, self._begun, self._whole = [], True, follows
             self._nodes.append(node)
         return turns
 
+    def forget(self) -> None:
+        """Drop the turn that has begun: nodes are missing."""
+        self.lost += self._begun
+        self._nodes, self._begun, self._whole = [], False, True
+
     def _ends_at(self, node: Node) -> bool:
         if not self._nodes:
-            return node.start
-        wrapped = self._nodes[-1].angle > FULL_TURN / 2 > node.angle
+            return node.start and not self._front
+        wrapped = self._turned(self._nodes[-1]) > FULL_TURN / 2 > self._turned(node)
         return wrapped and (len(self._nodes) >= FEWEST_NODES or not self._begun)
+
+    def _turned(self, node: Node) -> float:
+        """Return how far the lidar had turned since it looked to the front."""
+        return (node.angle - self._front) % FULL_TURN
 
 
 def ranges(turn: Sequence[Node], *, forward: float = 0.0) -> list[float]:

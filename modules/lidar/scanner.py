@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from modules.lidar import rplidar
-from modules.lidar.scan import CapsuleParser, NodeParser, Turns
+from modules.lidar.scan import HALF_BIN, CapsuleParser, NodeParser, Turns
 from robotkit import DeviceError
 
 if TYPE_CHECKING:
@@ -24,16 +24,33 @@ SPIN_UP_S = 2.0
 SETTLE_S = 0.02
 """Seconds of silence to wait for after STOP or RESET; the lidar ignores requests for the first 1 or 2 ms."""
 CYCLE_S = 0.05
-MODES = ("standard", "express")
+LATE_S = 0.3
+"""The longest pause between two readings after which what waited is still used. A serial port's buffer, 4 KiB, is full
+after 0.4 s, and then keeps what came first."""
+MODES = {"standard": 500, "express": 250}
+"""How long a sample takes, in us (data sheet)."""
+
+
+class Seen(NamedTuple):
+    """A turn, how long it took in ns, and when it ended, in ns since 1970."""
+
+    nodes: list[Node]
+    took: int
+    ended: int
 
 
 class Scanner:
-    """Checks the device's health, starts it, and yields turns; DeviceError when it falls silent."""
+    """Checks the device's health, starts it, and yields turns; DeviceError when it falls silent.
 
-    def __init__(self, line: Line, mode: str) -> None:
+    A turn begins just past the angle `forward`, so that its samples are in the order of `scan.ranges`, backward: the
+    lidar turns clockwise.
+    """
+
+    def __init__(self, line: Line, mode: str, *, forward: float = 0.0) -> None:
         express = mode == "express"
         self._line = line
-        self._turns = Turns()
+        self._sample_ns = MODES[mode] * 1000
+        self._turns = Turns(forward + HALF_BIN)
         self._parser: ScanParser = CapsuleParser() if express else NodeParser()
         self._request = rplidar.EXPRESS_SCAN if express else rplidar.SCAN
         self._descriptor = rplidar.EXPRESS_DESCRIPTOR if express else rplidar.SCAN_DESCRIPTOR
@@ -62,17 +79,33 @@ class Scanner:
         self._parser.feed(self._ask(self._request, self._descriptor, size=0))
         return info
 
-    def turns(self, ended: threading.Event) -> Iterator[list[Node]]:
-        """Return full turns until `ended` is set."""
-        heard, patience = time.monotonic(), SPIN_UP_S
+    def turns(self, ended: threading.Event) -> Iterator[Seen]:
+        """Return full turns until `ended` is set; after a pause, only what was measured since."""
+        read = heard = time.monotonic()
+        patience = SPIN_UP_S
         while not ended.wait(CYCLE_S):
-            data = self._line.read(0)
-            now = time.monotonic()
+            data, before, read = self._line.read(0), read, time.monotonic()
             if data:
-                heard, patience = now, ANSWER_S
-                yield from self._turns.add(self._parser.feed(data))
-            elif now - heard > patience:
+                heard, patience = read, ANSWER_S
+                if read - before <= LATE_S:
+                    yield from self._complete(data, time.time_ns())
+                else:
+                    self._catch_up()
+            elif read - heard > patience:
                 raise DeviceError(f"{self._line.name}: no samples for {patience:g} s")
+
+    def _catch_up(self) -> None:
+        """Discard what waited in the line while this process was frozen or throttled: it is old by now."""
+        while self._line.read(0):
+            pass
+        self._parser.forget()
+        self._turns.forget()
+
+    def _complete(self, data: bytes, read: int) -> list[Seen]:
+        """Return the turns that these bytes complete; what was read last was measured at `read`, in ns since 1970."""
+        turns = self._turns.add(self._parser.feed(data))
+        last = read - self._parser.held * self._sample_ns
+        return [Seen(nodes, len(nodes) * self._sample_ns, last - later * self._sample_ns) for nodes, later in turns]
 
     def release(self) -> None:
         """Switch off laser and motor."""

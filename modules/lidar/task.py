@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import threading
     from collections.abc import Iterator, Mapping
 
-    from modules.lidar.rplidar import Node
+    from modules.lidar.scanner import Seen
 
 PORT = "/dev/ttyUSB1"
 NEAREST, FARTHEST = 0.15, 12.0
@@ -36,31 +36,38 @@ class Lidar(Task):
     def produce(self, ended: threading.Event) -> Iterator[Result]:
         """Return a scan per turn until `ended` is set, or DeviceError."""
         with open_line(self._port, BAUD) as line:
-            scanner = Scanner(line, self._mode)
+            scanner = Scanner(line, self._mode, forward=self._forward)
             try:
                 info = scanner.start()
                 _LOG.info("%s: RPLIDAR model %#x, firmware %d.%02d", self._port, info.model, *info.firmware)
                 for turn in scanner.turns(ended):
-                    yield Result("scan", self._scan(turn) | {"skipped": scanner.skipped, "lost": scanner.lost})
+                    counts = {"skipped": scanner.skipped, "lost": scanner.lost}
+                    yield Result("scan", self._scan(turn) | counts, stamp=turn.ended)
             finally:
                 scanner.release()
 
-    def _scan(self, turn: list[Node]) -> dict[str, object]:
-        found = ranges(turn, forward=self._forward)
+    def _scan(self, turn: Seen) -> dict[str, object]:
+        """As in ROS: ray i was measured i * time_increment after the stamp, which is that of the first ray.
+
+        Rays are counter-clockwise and the lidar turns clockwise, so the first ray was the last to be measured.
+        """
+        found = ranges(turn.nodes, forward=self._forward)
         return {
             "start_angle": 0.0,
             "end_angle": math.tau * (BINS - 1) / BINS,
             "range_min": NEAREST,
             "range_max": FARTHEST,
+            "scan_time": turn.took / 1e9,
+            "time_increment": -turn.took / 1e9 / BINS,
             "ranges": [round(distance, 3) for distance in found],
             "nearest": round(min(filter(None, found), default=0.0), 3),
-            "samples": len(turn),
+            "samples": len(turn.nodes),
         }
 
 
 def build(environment: Mapping[str, str]) -> Lidar:
     """Read the environment; ConfigurationError names all that makes no sense."""
-    mode, angle = environment.get("LIDAR_MODE", MODES[0]), environment.get("LIDAR_FORWARD", "0")
+    mode, angle = environment.get("LIDAR_MODE", "standard"), environment.get("LIDAR_FORWARD", "0")
     problems = [] if mode in MODES else [f"LIDAR_MODE: {mode!r}, allowed are {' and '.join(MODES)}"]
     try:
         forward = float(angle)

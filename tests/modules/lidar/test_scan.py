@@ -5,12 +5,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modules.lidar.rplidar import Capsule, Node
-from modules.lidar.scan import BINS, RUN, CapsuleParser, NodeParser, Turns, ranges
+from modules.lidar.scan import BINS, HALF_BIN, RUN, CapsuleParser, NodeParser, Turns, ranges
 
 
 def a_turn(*, step=1.0, distance=1000.0):
     count = round(360 / step)
     return [Node(index * step, distance, 15, start=index == 0) for index in range(count)]
+
+
+def whole(turns, nodes):
+    """The nodes of each turn that these complete."""
+    return [turn.nodes for turn in turns.add(nodes)]
 
 
 def wire(nodes):
@@ -84,14 +89,14 @@ def test_turns_begin_at_the_zero_angle_and_the_first_piece_is_left_out():
     turns = Turns()
     piece = a_turn()[200:]
     first, second = a_turn(distance=1000.0), a_turn(distance=2000.0)
-    assert turns.add([*piece, *first]) == []
-    assert turns.add([*second[:1]]) == [first]
+    assert whole(turns, [*piece, *first]) == []
+    assert whole(turns, second[:1]) == [first]
 
 
 def test_a_scan_that_begins_with_a_start_mark_is_whole():
     turns = Turns()
     first = a_turn()
-    assert turns.add([*first, a_turn()[0]]) == [first]
+    assert whole(turns, [*first, a_turn()[0]]) == [first]
 
 
 @pytest.mark.parametrize("hole", [slice(100, 130), slice(0, 30), slice(330, 360)])
@@ -99,7 +104,7 @@ def test_an_incomplete_turn_is_counted_and_dropped(hole):
     torn = a_turn()
     del torn[hole]
     turns = Turns()
-    given = turns.add([*a_turn(), *torn, *a_turn(), *a_turn(), a_turn()[0]])
+    given = whole(turns, [*a_turn(), *torn, *a_turn(), *a_turn(), a_turn()[0]])
     assert given in ([a_turn()] * 3, [a_turn()] * 2)  # a hole at the zero angle spoils both of its turns
     assert turns.lost == 4 - len(given)
 
@@ -108,6 +113,50 @@ def test_jitter_at_the_zero_angle_makes_no_turn_of_its_own():
     jitter = [Node(0.1, 1, 1), Node(359.9, 1, 1), Node(0.3, 1, 1)]
     turns = Turns()
     assert len(turns.add([*a_turn(), *jitter, *a_turn()[1:], Node(0.0, 1, 1)])) == 2
+
+
+def test_a_turn_says_how_many_nodes_came_after_it():
+    turns = Turns()
+    added = turns.add([*a_turn(), *a_turn(step=2.0), *a_turn()[:50]])
+    assert [(len(turn.nodes), turn.later) for turn in added] == [(360, 230), (180, 50)]
+
+
+def test_turns_begin_at_the_front():
+    (turn,) = Turns(front=90.5).add([*a_turn(), *a_turn()])
+    assert [turn.nodes[at].angle for at in (0, 1, 358, 359)] == [91, 92, 89, 90]
+
+
+@pytest.mark.parametrize("forward", [0.0, 90.0, -37.25])
+def test_the_ranges_of_a_turn_that_begins_past_the_front_are_in_backward_order(forward):
+    """So one stamp and one time between rays say when each was measured."""
+    nodes = [Node(angle, 1000.0 + number, 15) for number, angle in enumerate([*range(360), *range(360)])]
+    (turn,) = Turns(forward + HALF_BIN).add(nodes)
+    found = ranges(turn.nodes, forward=forward)
+    assert found == sorted(found, reverse=True)
+
+
+def test_a_turn_in_which_bytes_are_missing_is_dropped():
+    turns = Turns()
+    turns.add(a_turn()[:200])
+    turns.forget()
+    assert turns.lost == 1
+    assert whole(turns, [*a_turn()[200:], *a_turn(), a_turn()[0]]) == [a_turn()]
+
+
+@pytest.mark.parametrize("parser", [NodeParser(), CapsuleParser()])
+def test_a_parser_forgets_what_is_incomplete(parser):
+    sent = wire(a_turn()) if isinstance(parser, NodeParser) else b"".join(each.encode() for each in capsules(3))
+    parser.feed(sent[:-1])
+    parser.forget()
+    assert (len(parser._buffer), parser.held) == (0, 0)
+
+
+def test_nodes_that_arrived_and_wait_are_counted():
+    parser = CapsuleParser()
+    for capsule in capsules(2):
+        parser.feed(capsule.encode())
+    assert parser.held == 32
+    assert NodeParser().held == 0
 
 
 def test_ranges_are_counter_clockwise_in_metres_and_the_nearest_wins():

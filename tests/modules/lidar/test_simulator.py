@@ -95,7 +95,7 @@ def test_it_fits_on_its_line():
 def test_a_scan_shows_the_room(request_, parser):
     lidar = a_lidar(lambda angle: seen(ROOM, 0, 0, -math.radians(angle)))
     lidar.receive(request_)
-    turn = Turns().add(parser().feed(run(lidar, 1)))[0]
+    turn = Turns().add(parser().feed(run(lidar, 1)))[0].nodes
     found = ranges(turn)
     assert (found[0], found[90], found[180], found[270]) == pytest.approx((3, 1.5, 2, 1.5), rel=0.01)
     assert sum(map(bool, found)) >= 358  # samples are 0.99 degrees apart
