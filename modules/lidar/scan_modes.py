@@ -58,20 +58,17 @@ def configuration(request: bytes) -> bytes:
 
 
 def _value(entry: int, number: int) -> bytes:
-    if entry == Entry.COUNT:
-        return struct.pack("<H", len(SCAN_MODES))
-    if entry == Entry.TYPICAL:
-        return struct.pack("<H", SCAN_MODES.index(EXPRESS))
-    if number >= len(SCAN_MODES):
-        return b""
+    of_all: dict[int, bytes] = {
+        Entry.COUNT: struct.pack("<H", len(SCAN_MODES)),
+        Entry.TYPICAL: struct.pack("<H", SCAN_MODES.index(EXPRESS)),
+    }
+    if entry in of_all or number >= len(SCAN_MODES):
+        return of_all.get(entry, b"")
     mode = SCAN_MODES[number]
-    match entry:
-        case Entry.US_PER_SAMPLE:
-            return struct.pack("<I", round(1e6 / mode.rate * _Q8))
-        case Entry.MAX_DISTANCE:
-            return struct.pack("<I", round(FAR * _Q8))
-        case Entry.ANSWER_TYPE:
-            return bytes([mode.answer])
-        case Entry.NAME:
-            return mode.name.encode() + b"\0"
-    return b""
+    of_one: dict[int, bytes] = {
+        Entry.US_PER_SAMPLE: struct.pack("<I", round(1e6 / mode.rate * _Q8)),
+        Entry.MAX_DISTANCE: struct.pack("<I", round(FAR * _Q8)),
+        Entry.ANSWER_TYPE: bytes([mode.answer]),
+        Entry.NAME: mode.name.encode() + b"\0",
+    }
+    return of_one.get(entry, b"")

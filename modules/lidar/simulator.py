@@ -59,22 +59,19 @@ class RplidarA1:
         return bytes(sent)
 
     def _obey(self, command: int, payload: bytes) -> bytes:
+        answers: dict[int, bytes] = {
+            Command.GET_INFO: rplidar.INFO_DESCRIPTOR.encode() + INFO.encode(),
+            Command.GET_HEALTH: rplidar.HEALTH_DESCRIPTOR.encode() + self.health.encode(),
+            Command.GET_SAMPLERATE: sample_rate(),
+            Command.GET_LIDAR_CONF: configuration(payload),
+        }
         self.scanning = None
-        match command:
-            case Command.RESET:
-                self.health = Health(HEALTHY, 0)
-                return BOOT_MESSAGE
-            case Command.SCAN | Command.FORCE_SCAN | Command.EXPRESS_SCAN:
-                return self._start(Command(command))
-            case Command.GET_INFO:
-                return rplidar.INFO_DESCRIPTOR.encode() + INFO.encode()
-            case Command.GET_HEALTH:
-                return rplidar.HEALTH_DESCRIPTOR.encode() + self.health.encode()
-            case Command.GET_SAMPLERATE:
-                return sample_rate()
-            case Command.GET_LIDAR_CONF:
-                return configuration(payload)
-        return b""
+        if command == Command.RESET:
+            self.health = Health(HEALTHY, 0)
+            return BOOT_MESSAGE
+        if command in {Command.SCAN, Command.FORCE_SCAN, Command.EXPRESS_SCAN}:
+            return self._start(Command(command))
+        return answers.get(command, b"")
 
     def _start(self, command: Command) -> bytes:
         if self.health.status == PROTECTING:

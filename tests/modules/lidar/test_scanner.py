@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
@@ -94,5 +95,5 @@ def test_after_a_short_pause_the_turn_goes_on(world):
     paused = world()
     paused.pauses = {20: LATE_S - 0.05}
     ends = [turn.ended for turn in paused.turns()]
-    assert {round((after - before) / 1e8) for before, after in zip(ends, ends[1:], strict=False)} == {2}
+    assert {round((after - before) / 1e8) for before, after in pairwise(ends)} == {2}
     assert paused.scanner.lost == 0
