@@ -22,8 +22,8 @@ PARTS = tuple(0.5**halvings for halvings in range(9))
 def stepped(arm: Arm, current: Posture, goal: Posture) -> Posture:
     """Return the next posture on the way: no joint moves faster than it may, and all arrive together.
 
-    Half way between two postures the grip may be lower than at both, and so below the deck. There the forearm is raised;
-    where it would have to rise faster than it may, all joints take a smaller step.
+    Half way between two postures the grip may be lower than at both, and so below the deck. There the forearm is
+    raised; where it would have to rise faster than it may, all joints take a smaller step.
     """
     steps = max(abs(goal[name] - current[name]) / (arm.joints[name].speed * STEP_S) for name in NAMES)
     if steps <= 1:

@@ -14,7 +14,7 @@ from robotkit import DeviceError, Result, Task
 from robotkit.line import open_line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
     from modules.arm.joints import Arm, Posture
     from robotkit import Decision, Received
@@ -68,7 +68,7 @@ class MeArm(Task):
         """Stop; the servos hold the posture."""
         self._stop("closed")
 
-    def produce(self, ended: threading.Event) -> Iterator[Result]:
+    def produce(self, ended: threading.Event) -> Generator[Result, None, None]:
         """Move towards the goal, step by step, until `ended` is set, or DeviceError."""
         with open_line(self._port, BAUD) as line:
             controller = Controller(line, self._arm)
@@ -97,7 +97,7 @@ class MeArm(Task):
                 self._controller = None
                 self._end(why)
 
-    def _work(self, controller: Controller, ended: threading.Event) -> Iterator[Result]:
+    def _work(self, controller: Controller, ended: threading.Event) -> Generator[Result, None, None]:
         step = 0
         while not ended.wait(STEP_S):
             moving = self._step(controller)

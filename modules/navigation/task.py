@@ -21,7 +21,7 @@ from robotkit import DeviceError, MessageError, Result, Task
 from robotkit.line import open_line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
     from modules.navigation.create2 import Sensors
     from robotkit import Decision, Received
@@ -99,7 +99,7 @@ class Navigation(Task):
         """Stop."""
         self._stop("closed")
 
-    def produce(self, ended: threading.Event) -> Iterator[Result]:
+    def produce(self, ended: threading.Event) -> Generator[Result, None, None]:
         """Control the robot 10 times a second until `ended` is set, or DeviceError."""
         with open_line(self._port, BAUD) as line:
             robot = Create2(line)
@@ -121,7 +121,7 @@ class Navigation(Task):
         _LOG.info("%s: sensors asked for", self._port)
         return True
 
-    def _control(self, robot: Create2, ended: threading.Event) -> Iterator[Result]:
+    def _control(self, robot: Create2, ended: threading.Event) -> Generator[Result, None, None]:
         heard, cycle = time.monotonic(), 0
         while not ended.wait(CYCLE_S):
             frames = robot.sensors()
@@ -193,4 +193,3 @@ class Navigation(Task):
             "charging": sensors.charging,
             "skipped": robot.skipped,
         }
-

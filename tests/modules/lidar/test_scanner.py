@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections import deque
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -26,8 +27,8 @@ class World:
         self.lidar = RplidarA1(lambda _: 1.0)
         self.lidar.receive(rplidar.EXPRESS_SCAN if mode == "express" else rplidar.SCAN)
         self.passed, self.rounds, self.pauses = 0.0, 0, {}
-        self.scanner = Scanner(self, mode)
-        self._arrived = deque()
+        self.scanner = Scanner(cast("Any", self), mode)
+        self._arrived: deque[bytes] = deque()
 
     def wait(self, seconds):
         self.rounds += 1
@@ -44,7 +45,7 @@ class World:
         return data
 
     def turns(self):
-        return list(self.scanner.turns(self))
+        return list(self.scanner.turns(cast("Any", self)))
 
 
 @pytest.fixture

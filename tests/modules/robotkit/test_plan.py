@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zenoh
 
-from contextpolicy.bus.decision_bus import message
+from contextpolicy.bus.plan_message import message
 from robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
 from tests.modules.robotkit.bus import Matching, client, router
 from tests.planning.builders import Story, a_policy, a_task, on_node
