@@ -13,10 +13,15 @@ from typing import TYPE_CHECKING, NamedTuple
 from robotkit.profile import Run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
-    from robotkit.module import Input
+    from robotkit.module import Module
     from robotkit.profile import Profile
+
+KEPT_NS = 60_000_000_000
+"""How long a node that leaves inputs out on purpose may take for an answer; twice its deadline if that is more."""
+MOST = 4096
+"""Inputs of which such an answer may be; older ones are forgotten."""
 
 
 class Heard(NamedTuple):
@@ -32,19 +37,21 @@ class Observed:
     """What a node takes and has not answered; its runs go into a profile.
 
     `cpu` gives the CPU time that the node has used, in ns. `answers_all` is false for a node that leaves inputs out on
-    purpose: then only what it answers counts, and nothing waits.
+    purpose: then only what it answers counts, and nothing waits; but each input is remembered for longer than its
+    deadline, or a late answer would look like one to nothing.
     """
 
-    def __init__(
-        self, inputs: Mapping[str, Input], profile: Profile, cpu: Callable[[], int], *, answers_all: bool = True
-    ) -> None:
-        self.dropped = dict.fromkeys(inputs, 0)
-        self.shared = dict.fromkeys(inputs, 0)
+    def __init__(self, module: Module, profile: Profile, cpu: Callable[[], int], *, answers_all: bool = True) -> None:
+        self.dropped = dict.fromkeys(module.inputs, 0)
+        self.shared = dict.fromkeys(module.inputs, 0)
         self.matched = self.strange = 0
         """Answers with the stamp of an input, and others."""
         self._profile, self._cpu, self._answers_all = profile, cpu, answers_all
-        # One that the node works on, and those in its queue.
-        self._queues: dict[str, deque[Heard]] = {name: deque(maxlen=1 + own.depth) for name, own in inputs.items()}
+        most = None if answers_all else MOST
+        # If it answers all, the first is the one that the node works on, and the others are in its queue.
+        self._queues: dict[str, deque[Heard]] = {name: deque(maxlen=most) for name in module.inputs}
+        self._depths = {name: own.depth for name, own in module.inputs.items()}
+        self._kept = max(KEPT_NS, round(2e9 * (module.needs.deadline or 0.0)))
         self._finished, self._used = 0, cpu()
         self._lock = threading.Lock()
 
@@ -56,10 +63,15 @@ class Observed:
             return [(name, heard.received) for name, queue in waiting for heard in queue]
 
     def came(self, name: str, heard: Heard) -> None:
-        """Note an input; of a full queue the oldest is lost, as in a subscription of ROS."""
+        """Note an input; of a full queue the oldest is lost, as in a subscription of ROS, but not the one in work."""
         with self._lock:
             queue = self._queues[name]
-            self.dropped[name] += self._answers_all and len(queue) == queue.maxlen
+            if not self._answers_all:
+                while queue and heard.received - queue[0].received > self._kept:
+                    queue.popleft()
+            elif len(queue) > self._depths[name]:
+                del queue[1]
+                self.dropped[name] += 1
             queue.append(heard)
 
     def answered(self, stamp: int, now: int) -> None:

@@ -3,24 +3,23 @@ from __future__ import annotations
 import pytest
 
 from robotkit import Input, Module, Needs
-from robotkit.observed import Heard, Observed
+from robotkit.observed import MOST, Heard, Observed
 from robotkit.profile import Profile
 
 MS = 1_000_000
 NOW = 1_700_000_000_000_000_000
 SCAN = "0/scan/sensor_msgs::msg::dds_::LaserScan_/*"
-NODE = Module(
-    "slam", inputs={"scan": Input(SCAN, "cdr", "sensor_msgs/msg/LaserScan", depth=2)}, needs=Needs(deadline=0.1)
-)
 
 
 class Node:
     """A node whose inputs and answers come when the test says so: milliseconds for time, and for stamps."""
 
-    def __init__(self, *, answers_all=True):
+    def __init__(self, *, answers_all=True, depth=2, deadline=0.1):
         self.cpu = 5 * MS
-        self.profile = Profile(NODE, lambda: self.cpu)
-        self.observed = Observed(NODE.inputs, self.profile, lambda: self.cpu, answers_all=answers_all)
+        scan = Input(SCAN, "cdr", "sensor_msgs/msg/LaserScan", depth=depth)
+        module = Module("slam", inputs={"scan": scan}, needs=Needs(deadline=deadline))
+        self.profile = Profile(module, lambda: self.cpu)
+        self.observed = Observed(module, self.profile, lambda: self.cpu, answers_all=answers_all)
 
     def takes(self, stamp, at):
         self.observed.came("scan", Heard(NOW + stamp * MS, NOW + (at - 1) * MS, NOW + at * MS))
@@ -76,11 +75,13 @@ def test_inputs_older_than_the_answered_one_are_dropped():
     assert (node.waiting, node.observed.dropped) == ([], {"scan": 1})
 
 
-def test_inputs_beyond_the_queue_depth_are_dropped():
+def test_inputs_beyond_the_queue_depth_are_dropped_but_not_the_one_in_work():
     node = Node()
     for at in range(0, 50, 10):
         node.takes(at, at=at)
-    assert (node.waiting, node.observed.dropped) == ([20, 30, 40], {"scan": 2})
+    assert (node.waiting, node.observed.dropped) == ([0, 30, 40], {"scan": 2})
+    node.answers(0, at=60)
+    assert (node.waiting, node.scan.done, node.observed.strange) == ([30, 40], 1, 0)
 
 
 def test_only_answers_count_for_a_node_that_skips_inputs():
@@ -90,6 +91,32 @@ def test_only_answers_count_for_a_node_that_skips_inputs():
     assert (node.waiting, node.observed.dropped) == ([], {"scan": 0})
     node.answers(40, at=200)
     assert (node.scan.done, node.scan.missed, node.observed.dropped) == (1, 1, {"scan": 0})
+
+
+def test_late_answers_of_a_node_that_skips_inputs_are_misses():
+    """Six scans come while it works on one: each answer is to an input that a queue of ROS would have lost."""
+    node = Node(answers_all=False, depth=1, deadline=0.5)
+    for at in range(0, 2000, 100):
+        node.takes(at, at=at)
+        if at >= 600:
+            node.answers(at - 600, at=at)
+    assert (node.scan.done, node.scan.missed, node.observed.strange) == (14, 14, 0)
+    assert node.means()["latency"] == 601
+
+
+@pytest.mark.parametrize(("deadline", "kept"), [(0.1, 61), (60.0, 121), (None, 61)])
+def test_inputs_that_a_node_skipped_are_forgotten_in_time(deadline, kept):
+    node = Node(answers_all=False, deadline=deadline)
+    for at in range(0, 200_000, 1000):
+        node.takes(at, at=at)
+    assert len(node.observed._queues["scan"]) == kept
+
+
+def test_a_node_that_skips_inputs_takes_a_bounded_number():
+    node = Node(answers_all=False, deadline=None)
+    for at in range(2 * MOST):
+        node.takes(at, at=at)
+    assert len(node.observed._queues["scan"]) == MOST
 
 
 def test_suspension_clears_waiting_inputs():
