@@ -149,7 +149,7 @@ class Runner:
             used, finished = time.process_time_ns() - cpu, time.time_ns()
             run = Run(received.stamp, received.received, started, finished, used)
             missed = record.add(run)
-            self._quality.done(run)
+            self._quality.done(run, received.input)
             self._publish(results, received, run, missed=missed)
 
     def _keep_quality(self) -> None:
