@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import logging
 import os
-import struct
 import sys
 import time
 from pathlib import Path
@@ -26,7 +25,7 @@ from robotkit.profile import Profile
 from robotkit.quality import Quality
 from robotkit.reporter import Reporter
 from robotkit.session import credentials, endpoints, open_session, switch
-from robotkit.stamps import attached
+from robotkit.stamps import attached, header_stamp
 from robotkit.termination import stop_on_signals
 
 if TYPE_CHECKING:
@@ -40,10 +39,6 @@ if TYPE_CHECKING:
 
 STRANGE = 50
 """When so many answers and none before had an input's stamp, something is wrong, and it is logged."""
-_STAMP = {1: struct.Struct("<iI"), 0: struct.Struct(">iI")}
-"""Of the header, behind the 4 bytes that say how the rest is encoded, by the second of them."""
-_STAMPED = 12
-"""Bytes to the end of the stamp."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -116,14 +111,6 @@ class Sidecar:
                 STRANGE,
                 sample.key_expr,
             )
-
-
-def header_stamp(message: bytes) -> int | None:
-    """The stamp of a message that begins with a header, in ns; None if it is too short or was never set."""
-    if len(message) < _STAMPED:
-        return None
-    seconds, nanoseconds = _STAMP[message[1] & 1].unpack_from(message, 4)
-    return int(seconds) * 10**9 + int(nanoseconds) or None
 
 
 def load(path: Path, environment: Mapping[str, str]) -> Module:

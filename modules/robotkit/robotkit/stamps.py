@@ -1,6 +1,9 @@
-"""What a sample's attachment says of it: when its source published it, and for frames in shared memory a checksum.
+"""When a sample was published, by its attachment, and when what a ROS message says was true, by its header.
 
-`{"stamp": ns since 1970, "crc32": of the payload}`; the checksum only where the payload may go by shared memory.
+Our attachment is `{"stamp": ns since 1970, "crc32": of the payload}`; the checksum only where the payload may go by
+shared memory. That of rmw_zenoh has two forms, Zenoh's own serialization of an int64, an int64 and 16 bytes: since
+2025 without names, before with names (rmw_zenoh_cpp/src/detail/attachment_helpers.cpp). Both are read; we send the
+newer one.
 """
 
 from __future__ import annotations
@@ -15,8 +18,16 @@ from robotkit import json_text
 if TYPE_CHECKING:
     import zenoh
 
-_RMW_ZENOH = struct.Struct("<qqB16s")
-"""rmw_zenoh's attachment: sequence number, source timestamp in ns, length of the gid (16), gid."""
+_GID = 16
+_RMW_ZENOH = struct.Struct(f"<qqB{_GID}s")
+"""rmw_zenoh's attachment: sequence number, source timestamp in ns, length of the gid, gid."""
+_NAMED = struct.Struct(f"<16sq17sq11sB{_GID}s")
+_NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
+"""The names in the older form, each behind its length."""
+_HEADER = {1: struct.Struct("<iI"), 0: struct.Struct(">iI")}
+"""The stamp of a header, behind the 4 bytes that say how a message is encoded, by the second of them."""
+_STAMPED = 12
+"""Bytes to the end of that stamp."""
 
 
 class Attached(NamedTuple):
@@ -51,13 +62,33 @@ def attached(sample: zenoh.Sample) -> Attached:
     if sample.attachment is None:
         return NOTHING
     raw = sample.attachment.to_bytes()
-    if len(raw) == _RMW_ZENOH.size and raw[16] == 16:
-        return Attached(int(_RMW_ZENOH.unpack(raw)[1]))
+    if (published := _by_rmw_zenoh(raw)) is not None:
+        return Attached(published)
     try:
         content = json_text.loads(raw)
         return Attached(_whole(content["stamp"]), _whole(content.get("crc32")))
     except (ValueError, KeyError, TypeError, AttributeError):  # someone else's attachment
         return NOTHING
+
+
+def header_stamp(message: bytes) -> int | None:
+    """The stamp of a ROS message that begins with a header, in ns; None if it is too short or was never set."""
+    if len(message) < _STAMPED:
+        return None
+    seconds, nanoseconds = _HEADER[message[1] & 1].unpack_from(message, 4)
+    return int(seconds) * 10**9 + int(nanoseconds) or None
+
+
+def _by_rmw_zenoh(raw: bytes) -> int | None:
+    if len(raw) == _RMW_ZENOH.size:
+        _, stamp, size, _ = _RMW_ZENOH.unpack(raw)
+        names = _NAMES
+    elif len(raw) == _NAMED.size:
+        first, _, second, stamp, third, size, _ = _NAMED.unpack(raw)
+        names = (first, second, third)
+    else:
+        return None
+    return int(stamp) if names == _NAMES and size == _GID else None
 
 
 def _whole(value: object) -> int | None:

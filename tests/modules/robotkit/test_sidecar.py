@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from robotkit import ConfigurationError, Decision, ros
-from robotkit.sidecar import STRANGE, Sidecar, header_stamp, load, main
+from robotkit.sidecar import STRANGE, Sidecar, load, main
 from robotkit.stamps import ros_attachment
 from tests.modules.robotkit.bus import Matching, ask, client, router
 from tests.waiting import PATIENCE, until
@@ -121,14 +121,6 @@ def test_answers_without_a_matching_input_are_reported(module, caplog):
         for stamp in range(STRANGE):
             robot.pose(STAMP + stamp)
         until(lambda: "has the header's stamp of an input" in caplog.text)
-
-
-def test_the_stamp_is_read_in_both_byte_orders():
-    little = ros.encode({}, POSE, stamp=STAMP)
-    big = b"\x00\x00\x00\x00" + (STAMP // 10**9).to_bytes(4, "big") + (STAMP % 10**9).to_bytes(4, "big")
-    assert (header_stamp(little), header_stamp(big)) == (STAMP, STAMP)
-    assert header_stamp(ros.encode({}, POSE, stamp=0)) is None
-    assert header_stamp(little[:11]) is None
 
 
 @pytest.mark.parametrize(
