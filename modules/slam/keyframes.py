@@ -22,8 +22,8 @@ class Keyframe:
     """A kept picture; features whose depth is known are its landmarks, and move along when it does.
 
     `points` are the landmarks' places in the camera's frame, N x 3 metres. The segment is 0 in the map that began with
-    the first picture, and higher where a lost camera started over. The covariance is that of its pose; only the newest
-    keyframes have their picture. `doubt` says why its landmarks may be wrong.
+    the first picture, and higher where a lost camera started over. The covariance is that of its pose, zero where
+    the map begins; only the newest keyframes have their picture. `doubt` says why its landmarks may be wrong.
     """
 
     number: int

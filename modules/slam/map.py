@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from modules.slam.geometry import angle, inverse, moved
 from modules.slam.keyframes import make
 from modules.slam.pose_graph import PoseGraph
+from modules.slam.uncertainty import anywhere
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -68,6 +69,8 @@ class Map:
             older.image = None
         if fixes:
             added.covariance = fixes[0].covariance_in_map
+        elif segment:  # nobody knows how far a lost camera went; the first picture is where the map begins
+            added.covariance = anywhere()
         for fix in fixes:
             self.graph.add(fix.edge_to(added.number))
         return added

@@ -11,6 +11,14 @@ from modules.slam.geometry import inverse
 if TYPE_CHECKING:
     from modules.slam.geometry import Floats
 
+FAR_M, ANY_RAD = 1000.0, np.pi
+"""Standard deviations of a pose of which nothing is known."""
+
+
+def anywhere() -> Floats:
+    """The covariance of a pose of which nothing is known."""
+    return np.diag(np.repeat([FAR_M, ANY_RAD], 3) ** 2)
+
 
 def carried(covariance: Floats, target_from_source: Floats) -> Floats:
     """The covariance of something that is fixed to what a covariance is known of, in its own axes.

@@ -60,12 +60,17 @@ class Outputs:
         }
 
     def publish(self, result: Result, timing: Mapping[str, object] | None = None) -> None:
-        """Publish a result; JSON also gets its `stamp`, and `timing` if given. KeyError for an unknown output."""
+        """Publish a result; JSON also gets its `stamp`, and `timing` if given. KeyError for an unknown output.
+
+        A result that says nothing as a ROS message, such as a pose that is lost, is left out.
+        """
         if result.output not in self._declared:
             raise KeyError(f"there is no output {result.output!r} in module.yaml: {', '.join(self._declared)}")
         now = time.time_ns()
         stamp = now if result.stamp is None else result.stamp
         payload = _payload(result, self._declared[result.output], stamp, timing)
+        if payload is None:
+            return
         self._publishers[result.output].put(payload, attachment=self._attachment(result.output, now, payload))
 
     def _attachment(self, output: str, now: int, payload: bytes) -> bytes:
@@ -77,11 +82,13 @@ class Outputs:
         return ros_attachment(self._numbers[output], now, self._ids[output])
 
 
-def _payload(result: Result, output: Output, stamp: int, timing: Mapping[str, object] | None) -> bytes:
+def _payload(result: Result, output: Output, stamp: int, timing: Mapping[str, object] | None) -> bytes | None:
     if output.encoding == CDR:
         from robotkit.ros import encode  # noqa: PLC0415 - an extra, and megabytes
 
         fields, source = fields_of(result.value, output), {"release": output.ros, "folder": output.types}
+        if fields is None:
+            return None
         return encode(fields, output.type, stamp=stamp, frame=output.frame, **source)
     if isinstance(result.value, bytes):
         return result.value

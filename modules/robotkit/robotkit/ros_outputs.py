@@ -2,13 +2,16 @@
 
 A kind says what a result means, whatever its encoding:
 
-    pose        {"position": [x, y, z], "orientation": [x, y, z, w]}, in metres; "covariance" if known, see below
-    odometry    a pose, or {"position": [x, y], "heading": radians}, with the speeds "forward" (m/s) and "turn" (rad/s)
+    pose        {"position": [x, y, z], "orientation": [x, y, z, w]}, in metres; "covariance" if known, see below;
+                "state": "lost" if it is only the last that was known, "adrift" if nobody knows how far it is off
+    odometry    a pose, or {"position": [x, y], "heading": radians}, with the speeds "forward" (m/s) and "turn" (rad/s),
+                and their "speed_covariance" if known
     scan        {"start_angle", "end_angle" (radians), "ranges" (m, 0: nothing seen), "range_min", "range_max" (m)}
     picture     bytes: a JPEG or PNG file
 
-"covariance" is that of ROS: 36 numbers, row by row, of x, y, z and the rotations about these axes (m2, rad2). Where a
-module does not know it, it is all zero, which is ROS's word for unknown.
+Covariances are those of ROS: 36 numbers, row by row, of x, y, z and the rotations about these axes (m2, rad2; of
+speeds, per s2). Where a module does not know one, its variances are large: zero would say that the value is exact. A
+lost pose becomes no message, and one that is adrift only a message that has a covariance.
 """
 
 from __future__ import annotations
@@ -21,8 +24,12 @@ if TYPE_CHECKING:
 
     from robotkit.module import Output
 
-    Make = Callable[[Any, Output], Mapping[str, object]]
+    Fields = Mapping[str, object]
+    Make = Callable[[Any, Output], Fields | None]
 
+LOST, ADRIFT = "lost", "adrift"
+UNKNOWN = 1e6
+"""A variance that says that nothing is known."""
 _PNG = b"\x89PNG"
 
 
@@ -31,8 +38,8 @@ def allowed(kind: str) -> tuple[str, ...]:
     return tuple(_MAKERS[kind])
 
 
-def fields_of(value: Mapping[str, object] | bytes, output: Output) -> Mapping[str, object]:
-    """The message's fields of a result; those of an output without a kind are the message's already."""
+def fields_of(value: Mapping[str, object] | bytes, output: Output) -> Fields | None:
+    """The message's fields of a result, None if it says nothing; without a kind they are the message's already."""
     make = _MAKERS[output.kind].get(output.type) if output.kind else None
     if make is not None:
         return make(value, output)
@@ -41,19 +48,19 @@ def fields_of(value: Mapping[str, object] | bytes, output: Output) -> Mapping[st
     return value
 
 
-def _pose(value: Mapping[str, Any], _: Output) -> dict[str, object]:
-    return {"pose": _placed(value)}
+def _pose(value: Mapping[str, Any], _: Output) -> Fields | None:
+    return None if value.get("state") in (LOST, ADRIFT) else {"pose": _placed(value)}
 
 
-def _pose_with_covariance(value: Mapping[str, Any], _: Output) -> dict[str, object]:
-    return {"pose": {"pose": _placed(value), "covariance": _covariance(value)}}
+def _pose_with_covariance(value: Mapping[str, Any], _: Output) -> Fields | None:
+    return None if value.get("state") == LOST else {"pose": _estimate(value)}
 
 
-def _odometry(value: Mapping[str, Any], output: Output) -> dict[str, object]:
+def _odometry(value: Mapping[str, Any], output: Output) -> Fields:
     return {
         "child_frame_id": output.child_frame,
-        **_pose_with_covariance(value, output),
-        "twist": {"twist": _twist(value, output)},
+        "pose": _estimate(value),
+        "twist": {"twist": _twist(value, output), "covariance": _covariance(value, "speed_covariance")},
     }
 
 
@@ -83,18 +90,24 @@ def _picture(value: bytes, _: Output) -> dict[str, object]:
     return {"format": "png" if value.startswith(_PNG) else "jpeg", "data": value}
 
 
+def _estimate(value: Mapping[str, Any]) -> dict[str, object]:
+    return {"pose": _placed(value), "covariance": _covariance(value, "covariance")}
+
+
 def _placed(value: Mapping[str, Any]) -> dict[str, object]:
     x, y, z = (*value["position"], 0.0)[:3]
     half = float(value.get("heading", 0.0)) / 2
     return {"position": [x, y, z], "orientation": value.get("orientation", [0.0, 0.0, math.sin(half), math.cos(half)])}
 
 
-def _covariance(value: Mapping[str, Any]) -> list[float]:
-    given = value.get("covariance")
-    numbers = [] if given is None else [float(number) for row in given for number in _row(row)]
-    if len(numbers) not in (0, 36):
-        raise ValueError(f"a covariance has {len(numbers)} numbers, allowed: 36, of x, y, z and rotations about them")
-    return numbers or [0.0] * 36
+def _covariance(value: Mapping[str, Any], name: str) -> list[float]:
+    given = value.get(name)
+    if given is None:
+        return [UNKNOWN if row == column else 0.0 for row in range(6) for column in range(6)]
+    numbers = [float(number) for row in given for number in _row(row)]
+    if len(numbers) != 36:
+        raise ValueError(f"{name} has {len(numbers)} numbers, allowed: 36, of x, y, z and rotations about them")
+    return numbers
 
 
 def _row(row: Any) -> Any:
@@ -106,7 +119,6 @@ _MAKERS: dict[str, dict[str, Make]] = {
     "pose": {
         "geometry_msgs/msg/PoseStamped": _pose,
         "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
-        "nav_msgs/msg/Odometry": _odometry,
     },
     "odometry": {
         "nav_msgs/msg/Odometry": _odometry,

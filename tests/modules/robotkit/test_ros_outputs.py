@@ -13,20 +13,25 @@ from robotkit.module import KINDS, load_module
 from robotkit.outputs import _payload
 from robotkit.ros import decode, stamp_of
 from robotkit.ros_check import check
-from robotkit.ros_outputs import _MAKERS, allowed
+from robotkit.ros_outputs import _MAKERS, UNKNOWN, allowed
 from robotkit.task import Result
 
 MODULES = Path(__file__).parents[3] / "modules"
 STAMP = 1_700_000_000_123_456_789
 POSE, ODOMETRY = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 LOCATED = {"position": [1.0, 2.0, 3.0], "orientation": [0.0, 0.0, 0.6, 0.8], "inliers": 80, "state": "tracking"}
 DRIVEN = {"position": [1.5, -0.5], "heading": math.pi / 2, "travelled": 3.0, "forward": 0.2, "turn": -0.3}
 COVARIANCE = np.diag([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
 
 
-def message(kind, type_name, value, **options):
+def payload_of(kind, type_name, value, **options):
     output = Output("x", "cdr", type_name, "odom", kind, **options)
-    payload = _payload(Result("x", value), output, STAMP, {"input": "in"})
+    return _payload(Result("x", value), output, STAMP, {"input": "in"})
+
+
+def message(kind, type_name, value, **options):
+    payload = payload_of(kind, type_name, value, **options)
     assert isinstance(payload, bytes)
     found = decode(payload, type_name)
     if hasattr(found, "header"):
@@ -41,22 +46,45 @@ def test_a_pose_is_a_pose_stamped():
 
 @pytest.mark.parametrize("covariance", [COVARIANCE, COVARIANCE.tolist(), COVARIANCE.ravel().tolist()])
 def test_a_poses_covariance_goes_along(covariance):
-    value = {**LOCATED, "covariance": covariance}
-    odometry = message("pose", ODOMETRY, value)
-    assert odometry.child_frame_id == "base_link"
-    assert odometry.pose.covariance.tolist() == COVARIANCE.ravel().tolist()
-    stamped = message("pose", "geometry_msgs/msg/PoseWithCovarianceStamped", value)
-    assert stamped.pose.covariance[35] == 0.3
+    stamped = message("pose", POSE_WITH_COVARIANCE, {**LOCATED, "covariance": covariance})
+    assert stamped.pose.covariance.tolist() == COVARIANCE.ravel().tolist()
+    odometry = message("odometry", ODOMETRY, {**DRIVEN, "covariance": covariance, "speed_covariance": covariance})
+    assert odometry.pose.covariance.tolist() == odometry.twist.covariance.tolist() == COVARIANCE.ravel().tolist()
 
 
-def test_an_unknown_covariance_is_zero():
-    assert not message("pose", ODOMETRY, LOCATED).pose.covariance.any()
-    assert not message("pose", ODOMETRY, {**LOCATED, "covariance": None}).pose.covariance.any()
+def test_an_unknown_covariance_is_large_as_zero_would_be_certain():
+    for value in (LOCATED, {**LOCATED, "covariance": None}):
+        unknown = message("pose", POSE_WITH_COVARIANCE, value).pose.covariance.reshape(6, 6)
+        assert unknown.tolist() == np.diag([UNKNOWN] * 6).tolist()
+    odometry = message("odometry", ODOMETRY, DRIVEN)
+    assert odometry.pose.covariance[0] == odometry.twist.covariance[0] == odometry.twist.covariance[35] == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("state", "published"),
+    [
+        ("tracking", [POSE, POSE_WITH_COVARIANCE]),
+        ("degraded", [POSE, POSE_WITH_COVARIANCE]),
+        ("adrift", [POSE_WITH_COVARIANCE]),  # the others have no room for how unsure it is
+        ("lost", []),
+    ],
+)
+def test_a_pose_that_is_not_known_is_not_published(state, published):
+    value = {**LOCATED, "state": state}
+    said = [kind for kind in (POSE, POSE_WITH_COVARIANCE) if payload_of("pose", kind, value) is not None]
+    assert said == published
+
+
+def test_a_pose_has_no_speeds_and_is_no_odometry():
+    """Its twist would be that of a robot which certainly stands."""
+    assert ODOMETRY not in allowed("pose")
 
 
 def test_a_covariance_of_another_size_is_refused():
     with pytest.raises(ValueError, match="has 9 numbers, allowed: 36"):
-        message("pose", ODOMETRY, {**LOCATED, "covariance": np.eye(3)})
+        message("pose", POSE_WITH_COVARIANCE, {**LOCATED, "covariance": np.eye(3)})
+    with pytest.raises(ValueError, match="speed_covariance has 1 numbers, allowed: 36"):
+        message("odometry", ODOMETRY, {**DRIVEN, "speed_covariance": [0.1]})
 
 
 def test_odometry_has_pose_and_speeds():
@@ -102,7 +130,7 @@ def test_every_kind_has_a_message_type():
 
 OURS = [
     ("slam", "OUTPUT_POSE", POSE),
-    ("slam", "OUTPUT_POSE", ODOMETRY),
+    ("slam", "OUTPUT_POSE", POSE_WITH_COVARIANCE),
     ("navigation", "OUTPUT_ODOMETRY", ODOMETRY),
     ("navigation", "OUTPUT_ODOMETRY", "geometry_msgs/msg/Twist"),
     ("lidar", "OUTPUT_SCAN", "sensor_msgs/msg/LaserScan"),

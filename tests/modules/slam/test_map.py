@@ -10,6 +10,7 @@ from modules.slam.geometry import transform
 from modules.slam.map import Map
 from modules.slam.pose_graph import Edge, Kind
 from modules.slam.tracking import Fix
+from modules.slam.uncertainty import ANY_RAD, FAR_M
 
 PICTURE = np.zeros((4, 4), np.uint8)
 STEP = np.diag([4e-4, 4e-4, 4e-4, 0, 0, 0])
@@ -103,6 +104,16 @@ def test_keyframes_are_less_and_less_sure_until_a_loop_closes():
     assert uncertainty(keyframes[16]) == pytest.approx(0.02)
     assert uncertainty(keyframes[12]) == pytest.approx(0.02 * np.sqrt(5))
     assert uncertainty(keyframes[4]) == pytest.approx(0.04)
+
+
+def test_a_new_segment_may_be_anywhere_until_a_loop_joins_it():
+    known = Map(30)
+    row(known, 3)
+    adrift = row(known, 3, start=100.0)
+    assert min(uncertainty(keyframe) for keyframe in adrift) >= FAR_M
+    assert np.sqrt(adrift[2].covariance[5, 5]) == pytest.approx(ANY_RAD)
+    assert known.close(Edge(2, adrift[0].number, at(5), 100, Kind.LOOP, STEP))
+    assert [uncertainty(keyframe) for keyframe in adrift] == pytest.approx(0.02 * np.sqrt([3, 4, 5]))
 
 
 def test_only_the_newest_keyframes_keep_their_picture():

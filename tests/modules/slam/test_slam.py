@@ -11,6 +11,7 @@ from modules.slam import slam as steps
 from modules.slam.slam import Effort, State
 from modules.slam.trajectory import associate, load, trajectory
 from modules.slam.trajectory_error import absolute_errors, statistics
+from modules.slam.uncertainty import FAR_M
 from tests.modules.slam.recording import BLACK, pictures, slam, track
 from timelines.datasets import euroc
 from timelines.datasets.motion import Motion
@@ -92,8 +93,10 @@ def test_in_an_unknown_place_it_restarts_until_it_sees_the_old_one(frames, tmp_p
     module = slam()
     for _, left, right in frames[:10]:
         track(module, left, right)
-    states = [track(module, *elsewhere).state for _ in range(steps.PATIENCE + 3)]
-    assert states == [State.LOST] * steps.PATIENCE + [State.ADRIFT] * 3
+    there = [track(module, *elsewhere) for _ in range(steps.PATIENCE + 3)]
+    assert [pose.state for pose in there] == [State.LOST] * steps.PATIENCE + [State.ADRIFT] * 3
+    assert [pose.covariance is None for pose in there] == [True] * steps.PATIENCE + [False] * 3
+    assert all(np.sqrt(pose.covariance[0, 0]) >= FAR_M for pose in there if pose.covariance is not None)
     assert track(module, *frames[10][1:]).state is State.TRACKING
 
 
