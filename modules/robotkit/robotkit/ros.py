@@ -20,10 +20,14 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.base import normalize_fieldname
 
 from robotkit.errors import MessageError
+from robotkit.ros_graph import dds_name
 from robotkit.ros_types import HEADER, LATEST, hash_of, type_store
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
+
+
+_HEADER_FIELD = ("header", (Nodetype.NAME, HEADER))
 
 
 def decode(payload: bytes, type_name: str, *, release: str = LATEST, folder: str = "") -> Any:
@@ -48,21 +52,25 @@ def encode(  # noqa: PLR0913 - what a header and a type consist of
     """Serialize a message; TypeError for a field that the type does not have. `stamp` is in ns since 1970."""
     header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": frame}
     store = type_store(release, folder)
-    if ("header", (Nodetype.NAME, HEADER)) in store.fielddefs[type_name][1]:
+    if _HEADER_FIELD in store.fielddefs[type_name][1]:
         fields = {"header": header, **fields}
     return bytes(store.serialize_cdr(_message(store, type_name, fields), type_name))
 
 
 def topic_key(topic: str, type_name: str, *, domain: int = 0, release: str = LATEST, folder: str = "") -> str:
     """The key of a topic as rmw_zenoh writes it, such as `0/imu/data/sensor_msgs::msg::dds_::Imu_/RIHS01_...`."""
-    package, _, name = type_name.partition("/msg/")
-    type_hash = hash_of(type_name, release, folder)
-    return f"{domain}/{topic.strip('/')}/{package}::msg::dds_::{name}_/{type_hash}"
+    return f"{domain}/{topic.strip('/')}/{dds_name(type_name)}/{hash_of(type_name, release, folder)}"
 
 
 def is_known(type_name: str, *, release: str = LATEST, folder: str = "") -> bool:
     """Whether there is a message of this type."""
     return type_name in type_store(release, folder).fielddefs
+
+
+def has_header(type_name: str, *, release: str = LATEST, folder: str = "") -> bool:
+    """Whether messages of this type begin with a header."""
+    fields = type_store(release, folder).fielddefs[type_name][1]
+    return bool(fields) and fields[0] == _HEADER_FIELD
 
 
 def stamp_of(message: Any) -> int | None:

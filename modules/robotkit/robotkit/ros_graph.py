@@ -18,6 +18,7 @@ ADMIN_SPACE = "@ros2_lv"
 NODE, PUBLISHER, SUBSCRIPTION = "NN", "MP", "MS"
 _DEFAULT_DEPTH = 42
 _KEY = re.compile(r"(?P<domain>\d+)/(?P<topic>.+)/(?P<type>\w+::\w+::dds_::\w+_)/(?P<hash>[^/]+)")
+_TYPED = re.compile(r"(?:.*/)?(?P<type>\w+::\w+::dds_::\w+_)(?:/(?P<hash>[^/]+))?")
 _WILD = re.compile(r"[*$]")
 
 
@@ -58,6 +59,18 @@ class GraphNode:
     def _token(self, number: int, kind: str) -> str:
         named = map(_mangled, (self.enclave, self.namespace, self.name))
         return "/".join((ADMIN_SPACE, str(self.domain), self.session, "0", str(number), kind, *named))
+
+
+def dds_name(type_name: str) -> str:
+    """A message type as the keys of rmw_zenoh name it."""
+    package, _, name = type_name.partition("/msg/")
+    return f"{package}::msg::dds_::{name}_"
+
+
+def type_in(key: str) -> tuple[str, str] | None:
+    """The type that a key of rmw_zenoh names and its hash, empty if it has none; None for another key."""
+    found = _TYPED.fullmatch(key)
+    return (found["type"], found["hash"] or "") if found is not None else None
 
 
 def topic_of(key: str, *, type_hash: str) -> GraphTopic | None:

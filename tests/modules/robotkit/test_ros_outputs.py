@@ -11,8 +11,9 @@ import pytest
 from robotkit import ConfigurationError, Input, Module, Output
 from robotkit.module import KINDS, load_module
 from robotkit.outputs import _payload
-from robotkit.ros import decode, stamp_of
+from robotkit.ros import decode, stamp_of, topic_key
 from robotkit.ros_check import check
+from robotkit.ros_graph import dds_name
 from robotkit.ros_outputs import _MAKERS, UNKNOWN, allowed
 from robotkit.task import Result
 
@@ -21,6 +22,7 @@ STAMP = 1_700_000_000_123_456_789
 POSE, ODOMETRY = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 LOCATED = {"position": [1.0, 2.0, 3.0], "orientation": [0.0, 0.0, 0.6, 0.8], "inliers": 80, "state": "tracking"}
+RANGE = "sensor_msgs/msg/Range"
 DRIVEN = {"position": [1.5, -0.5], "heading": math.pi / 2, "travelled": 3.0, "forward": 0.2, "turn": -0.3}
 COVARIANCE = np.diag([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
 
@@ -164,6 +166,53 @@ def test_unsupported_message_types_are_refused_at_the_start(module, override, wo
     overridden = {name: f"{{encoding: cdr, type: {kind}}}" for name, kind in override.items()}
     with pytest.raises(ConfigurationError, match=words):
         check(load_module(MODULES / module / "module.yaml", overridden))
+
+
+TWIST = "geometry_msgs/msg/Twist"
+HASH = "RIHS01_" + 64 * "0"
+
+
+def problems(entry):
+    module = Module("m", inputs={"x": entry}) if isinstance(entry, Input) else Module("m", outputs={"x": entry})
+    try:
+        check(module)
+    except ConfigurationError as error:
+        return str(error).splitlines()
+    return []
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        (Output("pose", "cdr", POSE, kind="pose"), "outputs.x.frame: invalid value ''"),
+        (Output("pose", "cdr", POSE), "outputs.x.frame: invalid value ''"),
+        (Output("pose", "cdr", POSE, "/map"), "outputs.x.frame: invalid value '/map'"),
+        (Output("odom", "cdr", ODOMETRY, "odom", "odometry", child_frame=""), "outputs.x.child_frame: invalid"),
+        (Output(topic_key("/pose", TWIST), "cdr", POSE, "map"), f"expected one of {POSE}, as `type` says"),
+        (Output("0/pose/geometry_msgs::msg::dds_::Pose_/*", "cdr", POSE, "map"), f"expected one of {POSE}"),
+        (Input("0/**/geometry_msgs::msg::dds_::Twist_", "cdr", POSE), "inputs.x.key: invalid value '0/**/geometry"),
+        (Input(f"0/p/{dds_name(POSE)}/{HASH}", "cdr", POSE), f"inputs.x.key: invalid value '{HASH}'"),
+        (Input(topic_key("/sonar", RANGE), "cdr", RANGE, ros="humble"), f"by which ROS 2 humble knows {RANGE}"),
+    ],
+)
+def test_keys_of_another_type_and_missing_frames_are_refused(entry, said):
+    (problem,) = problems(entry)
+    assert said in problem
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        Output("cmd_vel", "cdr", TWIST),  # it has no header
+        Output(topic_key("/cmd_vel", TWIST), "cdr", TWIST),
+        Output("0/pose/geometry_msgs::msg::dds_::PoseStamped_/RIHS01_...", "cdr", POSE, "map"),
+        Input("0/sonar/sensor_msgs::msg::dds_::Range_/TypeHashNotSupported", "cdr", RANGE, ros="humble"),
+        Input("0/pose/*/*", "cdr", POSE),
+        Input("pose", "cdr", POSE),
+    ],
+)
+def test_keys_and_frames_that_can_work_are_accepted(entry):
+    assert problems(entry) == []
 
 
 def test_all_errors_are_reported_at_once():
