@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from robotkit import Result, Task, stereo
-from robotkit.readings import decoded, picture
+from robotkit.readings import decoded, picture, taken_at
 
 if TYPE_CHECKING:
     from modules.signs.tracker import Sign
@@ -37,7 +37,8 @@ class Signs(Task):
 def _seen(received: Received) -> tuple[Image, int]:
     """The picture of one camera, or the left one of a pair."""
     if received.encoding == "stereo-frame":
-        return decoded(stereo.decode(received.payload).left, gray=False), received.stamp
+        frame = stereo.decode(received.payload)
+        return decoded(frame.left, gray=False), taken_at(frame.stamp, received)
     return picture(received)
 
 

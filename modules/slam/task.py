@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from modules.slam.geometry import quaternion
 from modules.slam.slam import Effort
-from robotkit import MessageError, Task
-from robotkit.readings import decoded
+from robotkit import MessageError, Result, Task
+from robotkit.readings import decoded, taken_at
 from robotkit.stereo import decode
 
 if TYPE_CHECKING:
@@ -35,14 +35,17 @@ class Slam(Task):
         """Match the work to the time that there is."""
         self._slam.effort = effort(quality)
 
-    def process(self, received: Received) -> dict[str, object]:
-        """Give the pose of the body in the frame of the first picture, with the picture's stamp."""
+    def process(self, received: Received) -> list[Result]:
+        """Give the pose of the body in the frame of the first picture, with the stamp of its own picture."""
         in_time = received.received >= self._finished
         frame = decode(received.payload)
         pose = track(self._slam, frame)
         if in_time and not pose.is_keyframe:  # else other pictures wait, or a keyframe has taken the time already
             self._slam.close_loop()
         self._finished = self._now()
+        return [Result("pose", self._content(frame, pose), taken_at(frame.stamp, received))]
+
+    def _content(self, frame: StereoFrame, pose: Pose) -> dict[str, object]:
         return {
             "frame": frame.stamp,
             "position": pose.world_from_body[:3, 3].tolist(),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robotkit import json_text
 from robotkit.errors import MessageError
+from robotkit.profile import PLAUSIBLE_NS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -72,6 +73,11 @@ def picture(received: Received, *, gray: bool = False) -> tuple[Image, int]:
     if received.type == COMPRESSED_IMAGE:
         return decoded(message.data.tobytes(), gray=gray), stamp
     return _raw(message, gray=gray), stamp
+
+
+def taken_at(stamp: int, received: Received) -> int:
+    """When a picture was taken, by the stamp in it; a recording's is old: it counts as taken when it is played."""
+    return stamp if abs(received.stamp - stamp) <= PLAUSIBLE_NS else received.stamp
 
 
 def decoded(encoded: bytes, *, gray: bool) -> Image:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from robotkit.cgroup import own_usage
 from robotkit.errors import ConfigurationError, DeviceError, MessageError
 from robotkit.inputs import Inputs
-from robotkit.outputs import Outputs, as_results
+from robotkit.outputs import CDR, Outputs, as_results
 from robotkit.plan import PLAN_KEY, PlanListener
 from robotkit.producer import Producer
 from robotkit.profile import Profile, Run
@@ -18,6 +18,7 @@ from robotkit.quality import Quality
 from robotkit.reporter import Reporter
 from robotkit.ros_presence import RosPresence
 from robotkit.run_log import RunLog
+from robotkit.stamps import header_stamp
 from robotkit.task import Result, Task
 
 if TYPE_CHECKING:
@@ -163,5 +164,16 @@ class Runner:
         if self._runs is not None:
             self._runs.add(timing)
         for result in results:
-            stamped = result if result.stamp is not None else Result(result.output, result.value, received.stamp)
+            stamped = result if result.stamp is not None else Result(result.output, result.value, _true_at(received))
             self._outputs.publish(stamped, timing)
+
+
+def _true_at(received: Received) -> int:
+    """When what a sample says was true: of a ROS message its header's stamp, by which ROS matches answers to it."""
+    stamp = None
+    if received.encoding == CDR:
+        from robotkit.ros import has_header  # noqa: PLC0415 - an extra, and megabytes
+
+        if has_header(received.type, release=received.ros, folder=received.types):
+            stamp = header_stamp(received.payload)
+    return received.stamp if stamp is None else stamp

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 class Result:
     """A value for one of the module's outputs: a mapping for `json` and `cdr`, bytes for every other encoding.
 
-    `stamp`, in ns since 1970, is when the value was true; by default the stamp of the sample that led to it, or now.
+    `stamp`, in ns since 1970, is when the value was true; by default the stamp of the sample that led to it (of a ROS
+    message its header's), or now.
     """
 
     output: str

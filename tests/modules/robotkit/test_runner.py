@@ -15,6 +15,7 @@ from tests.modules.robotkit.bus import Matching, client, router
 from tests.modules.robotkit.world import ECHO, SENSOR, Echo, Sensor, running
 from tests.waiting import PATIENCE
 
+STAMP = 1_795_300_000_123_456_789
 WATCHER = Module("watcher", inputs={"words": Input("test/words", depth=1000)})
 
 
@@ -84,6 +85,26 @@ def test_a_result_can_go_out_as_a_ros_message():
     message = ros.decode(received.payload, received.type)
     assert (message.point.x, message.header.frame_id, ros.stamp_of(message)) == (1.5, "map", 5)
     assert 0 < received.stamp <= received.received  # from the attachment, in rmw_zenoh's form
+
+
+POINT, TEXT = "geometry_msgs/msg/PointStamped", "std_msgs/msg/String"
+
+
+@pytest.mark.parametrize(
+    ("type_name", "fields", "stamp"), [(POINT, {}, STAMP), (TEXT, {"data": "a word, not a stamp"}, 5)]
+)
+def test_a_result_of_a_ros_message_has_its_headers_stamp(type_name, fields, stamp):
+    """By that ROS, and the sidecar, match an answer to its input; the timing has when it was published."""
+
+    class Answer(Task):
+        def process(self, received):
+            return {"length": len(received.payload)}
+
+    module = Module("answer", inputs={"words": Input("test/words", "cdr", type_name)}, outputs={"x": Output("test/x")})
+    with running(module, Answer()) as world:
+        world.say(ros.encode(fields, type_name, stamp=STAMP))
+        result = world.next_result()
+    assert (result["stamp"], result["timing"]["stamp"]) == (stamp, 5)
 
 
 def test_a_mapping_for_several_outputs_is_a_bug_of_the_module():

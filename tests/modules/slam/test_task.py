@@ -17,6 +17,7 @@ from robotkit.stereo import StereoFrame, encode
 from tests.modules.slam.recording import BLACK, slam
 from timelines.datasets.readers import read
 
+SENT = 1_795_300_000_000_000_000
 BLACK_PNG = cv2.imencode(".png", BLACK)[1].tobytes()
 
 
@@ -43,7 +44,7 @@ def pictures(short):
 
 def test_a_pose_is_plain_json(short):
     task = Slam(slam())
-    messages = [task.process(Received(payload, 0, 0)) for payload in pictures(short)[:2]]
+    messages = [result.value for payload in pictures(short)[:2] for result in task.process(Received(payload, 0, 0))]
     message = json.loads(json.dumps(messages[1]))
     assert message["frame"] > 1e18
     assert message["position"] == pytest.approx([0, 0, 0], abs=0.001)
@@ -99,6 +100,14 @@ class Idle(StereoSlam):
 
     def close_loop(self):
         self.searches += 1
+
+
+@pytest.mark.parametrize(("taken", "stamp"), [(SENT - 40_000_000, SENT - 40_000_000), (SENT - 10**17, SENT)])
+def test_a_pose_has_the_stamp_of_its_picture_unless_a_recording_is_played(taken, stamp):
+    frame = encode(StereoFrame(taken, BLACK_PNG, BLACK_PNG))
+    (result,) = Slam(Idle()).process(Received(frame, SENT, SENT + 1_000_000))
+    assert isinstance(result.value, dict)
+    assert (result.output, result.stamp, result.value["frame"]) == ("pose", stamp, taken)
 
 
 def test_loops_are_looked_for_only_when_no_picture_waits():
