@@ -6,6 +6,7 @@ The raw message is always recorded too; these are additions, for people.
 from __future__ import annotations
 
 import base64
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,10 +26,13 @@ class Shown:
     value: dict[str, Any]
 
 
-def shown(key: str, payload: bytes, stamp: int) -> Iterator[Shown]:
-    """What can be drawn of a message; nothing for most. `stamp` is in ns since 1970."""
+def shown(key: str, encoding: str, payload: bytes, stamp: int) -> Iterator[Shown]:
+    """What can be drawn of a message; nothing for most. `stamp` is in ns since 1970.
+
+    The keys are ours; a topic of ROS may have the same name, and viewers draw its messages themselves.
+    """
     for ending, show in _SHOWS.items():
-        if key.endswith(ending):
+        if key.endswith(ending) and encoding != "cdr":
             try:
                 yield from show(key, payload, _time(stamp))
             except (MessageError, ValueError, KeyError, TypeError, AttributeError):
@@ -41,9 +45,11 @@ def schema_of(name: str) -> dict[str, Any]:
 
 
 def _scan(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
-    ranges = [float(distance) for distance in json_text.loads(payload)["ranges"]]
-    turn = 2 * 3.141592653589793
-    fields = {"timestamp": time, "frame_id": "robot", "pose": _ORIGIN, "start_angle": 0.0, "end_angle": turn}
+    scan = json_text.loads(payload)
+    ranges = [float(distance) or _NO_ECHO for distance in scan["ranges"]]
+    start, turn = float(scan.get("start_angle", 0.0)), math.tau * (1 - 1 / max(len(ranges), 1))
+    angles = {"start_angle": start, "end_angle": float(scan.get("end_angle", start + turn))}
+    fields = {"timestamp": time, "frame_id": "robot", "pose": _ORIGIN, **angles}
     yield Shown(f"{key}/shown", "foxglove.LaserScan", {**fields, "ranges": ranges, "intensities": []})
 
 
@@ -55,21 +61,25 @@ def _pose(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
 
 
 def _stereo(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
-    picture = decode(payload).left
-    yield _picture(f"{key}/left", picture, "png" if picture[1:4] == b"PNG" else "jpeg", time)
+    yield _picture(f"{key}/left", decode(payload).left, time)
 
 
 def _side(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
-    yield _picture(f"{key}/shown", payload, "jpeg", time)
+    yield _picture(f"{key}/shown", payload, time)
 
 
-def _picture(topic: str, data: bytes, form: str, time: Mapping[str, int]) -> Shown:
+def _picture(topic: str, data: bytes, time: Mapping[str, int]) -> Shown:
+    form = next((form for beginning, form in _FORMS.items() if data.startswith(beginning)), None)
+    if form is None:
+        raise MessageError(f"a picture that begins with {data[:4]!r}")
     encoded = base64.b64encode(data).decode()
     value = {"timestamp": time, "frame_id": "camera", "data": encoded, "format": form}
     return Shown(topic, "foxglove.CompressedImage", value)
 
 
 def _sound(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
+    if len(payload) % 2:
+        raise MessageError(f"{len(payload)} bytes are not 16 bit samples")
     fields = {"format": "pcm-s16", "sample_rate": 16000, "number_of_channels": 1}
     yield Shown(
         f"{key}/shown", "foxglove.RawAudio", {"timestamp": time, "data": base64.b64encode(payload).decode(), **fields}
@@ -106,6 +116,10 @@ _SHOWS: dict[str, Callable[[str, bytes, Mapping[str, int]], Iterator[Shown]]] = 
     "/microphone": _sound,
     "/plan": _plan,
 }
+_NO_ECHO = 1e6
+"""Metres at which a ray is drawn that met nothing: out of sight, as JSON has no infinity and 0 is at the sensor."""
+_FORMS = {b"\x89PNG": "png", b"\xff\xd8": "jpeg"}
+"""How pictures begin."""
 _ORIGIN = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
 _TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _TEXT, _NUMBER, _INTEGER = {"type": "string"}, {"type": "number"}, {"type": "integer"}

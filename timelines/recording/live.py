@@ -37,8 +37,9 @@ class LiveChannels:
 
     def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
         """Pass a message on, and what can be drawn of it; times are in ns since 1970."""
-        self._opened(channel_of(key, encoding, self._topics)).log(payload, log_time=received)
-        for one in shown(key, payload, stamp):
+        channel = channel_of(key, encoding, self._topics)
+        self._opened(channel).log(payload, log_time=received)
+        for one in shown(key, channel.encoding, payload, stamp):
             self._opened(drawn(one, key)).log(json.dumps(one.value).encode(), log_time=received)
 
     def counted(self, topic: str, schema: str, value: Mapping[str, Any], at: int) -> None:

@@ -61,7 +61,7 @@ class McapWriter:
         if channel is None:
             channel = self._keys[key, encoding] = channel_of(key, encoding, self._topics)
         self._writer.add_message(self._number(channel), received, payload, stamp)
-        for one in shown(key, payload, stamp):
+        for one in shown(key, channel.encoding, payload, stamp):
             self._writer.add_message(self._number(drawn(one, key)), received, json.dumps(one.value).encode(), stamp)
 
     def counted(self, topic: str, schema: str, value: Mapping[str, Any], at: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import threading
 
 import pytest
@@ -48,6 +49,10 @@ PLAN = {
     "nodes": {"robot": {"tasks": {"slam": 1.5}}},
     "targets": [{"task": "slam", "containerId": "containerd://ab"}, {"task": "old", "containerId": None}],
 }
+
+
+TURN = b'{"start_angle": 0.5, "end_angle": 1.25, "ranges": [1, 2]}'
+JPEG = b"\xff\xd8\xff\xe0"
 
 
 def read(path):
@@ -112,7 +117,10 @@ def test_ros_messages_have_their_definition(tmp_path):
 @pytest.mark.parametrize(
     ("key", "payload", "schema", "field", "value"),
     [
-        ("robot/lidar/scan", b'{"ranges": [1, 2.5]}', "foxglove.LaserScan", "ranges", [1.0, 2.5]),
+        ("robot/lidar/scan", b'{"ranges": [1, 0, 2.5]}', "foxglove.LaserScan", "ranges", [1.0, 1e6, 2.5]),
+        ("robot/lidar/scan", b'{"ranges": [1, 0, 2.5, 1]}', "foxglove.LaserScan", "end_angle", 1.5 * math.pi),
+        ("robot/lidar/scan", TURN, "foxglove.LaserScan", "start_angle", 0.5),
+        ("robot/lidar/scan", TURN, "foxglove.LaserScan", "end_angle", 1.25),
         (
             "robot/slam/pose",
             b'{"position": [1, 2, 3], "orientation": [0, 0, 0, 1]}',
@@ -120,14 +128,15 @@ def test_ros_messages_have_their_definition(tmp_path):
             "pose",
             {"position": {"x": 1, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
         ),
-        ("robot/camera/side", b"jpeg", "foxglove.CompressedImage", "data", base64.b64encode(b"jpeg").decode()),
+        ("robot/camera/side", JPEG, "foxglove.CompressedImage", "data", base64.b64encode(JPEG).decode()),
+        ("robot/camera/side", b"\x89PNG", "foxglove.CompressedImage", "format", "png"),
         ("robot/microphone", b"\x01\x00", "foxglove.RawAudio", "sample_rate", 16000),
         ("contextpolicy/robot/p/plan", json.dumps(PLAN).encode(), "foxglove.Log", "message", "moving; imu; slam 1.5"),
         ("robot/camera/stereo", encode(StereoFrame(1, b"\x89PNG", b"")), "foxglove.CompressedImage", "format", "png"),
     ],
 )
 def test_viewers_get_standard_schemas(key, payload, schema, field, value):
-    drawn, *_ = shown(key, payload, 1_500_000_007)
+    drawn, *_ = shown(key, "", payload, 1_500_000_007)
     assert (drawn.schema, drawn.value[field]) == (schema, value)
     assert drawn.value["timestamp"] == {"sec": 1, "nsec": 500_000_007}
     assert drawn.value.keys() == schema_of(schema)["properties"].keys()
@@ -136,7 +145,12 @@ def test_viewers_get_standard_schemas(key, payload, schema, field, value):
 @pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"null", b'{"ranges": 7}', b'{"position": []}', b'{"tasks": 1}'])
 @pytest.mark.parametrize("key", ["a/lidar/scan", "a/slam/pose", "a/camera/stereo", "contextpolicy/a/b/plan"])
 def test_invalid_payloads_are_not_drawn(key, payload):
-    assert list(shown(key, payload, 0)) == []
+    assert list(shown(key, "json", payload, 0)) == []
+
+
+@pytest.mark.parametrize(("key", "payload"), [("a/microphone", b"odd"), ("a/camera/side", b"\x00\x01\x00\x00")])
+def test_payloads_of_other_formats_are_not_drawn(key, payload):
+    assert list(shown(key, "zenoh/bytes", payload, 0)) == []
 
 
 def test_containers_are_those_of_the_plan():

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from contextpolicy.streams.recorded_message import NO_DAMAGE, RecordingError
+from contextpolicy.streams.recorded_message import NO_DAMAGE, RecordingError, Topic
 from contextpolicy.streams.recordings import Excerpt, bridge_key, open_recording, timeline_key
 from contextpolicy.streams.timeline import parse
 from robotkit import Module, Output
@@ -25,7 +25,7 @@ from timelines.recording.bag_folder import BagWriter
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
 from timelines.recording.ros_offers import TOKENS, offer_of
-from timelines.recording.ros_topics import RosTopics
+from timelines.recording.ros_topics import RosTopics, completed
 from timelines.replay.player import Options, TimelineInputs, publish
 from timelines.replay.recorded import RecordedInputs
 
@@ -119,6 +119,20 @@ def test_a_folder_with_other_topics_opens_in_both_libraries(tmp_path):
     others = open_recording(folder / "bus.mcap", Excerpt())
     assert others.topics.keys() == {"robot/imu", "cgroup/slam"}
     assert open_recording(folder, Excerpt()).topics.keys() == {"/slam/pose"}
+
+
+@pytest.mark.parametrize("name", ["robot/microphone", "camera/side", "robot/lidar/scan"])
+def test_ros_topics_named_like_ours_are_only_recorded(tmp_path, name):
+    """On the keys of zenoh-bridge-ros2dds nothing but the recording says that they are of ROS."""
+    folder, topics = tmp_path / "run", RosTopics({name: completed(Topic(f"/{name}", "cdr", POSE, 0))})
+    with BagWriter(folder, topics) as writer:
+        writer.heard(name, "zenoh/bytes", a_pose(1.5), received=AT, stamp=AT)
+    found, taken = connections(folder)
+    assert (found.keys(), len(taken)) == ({f"/{name}"}, 1)
+    with (folder / "run_0.mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        assert {channel.message_encoding for _, channel, _ in reader.iter_messages()} == {"cdr"}
 
 
 def test_a_folders_metadata_is_what_rosbag2_expects(tmp_path):
