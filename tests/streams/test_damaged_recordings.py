@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+from io import BytesIO
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType
 
+from contextpolicy.streams.mcap_index import Scan
 from contextpolicy.streams.recorded_message import RecordingError
 from tests.fuzz import targets
 from tests.streams.damaging import COUNT, SENTENCE, flipped, read, refusal, write
@@ -119,6 +121,51 @@ def test_a_chunk_that_claims_to_be_huge_takes_no_memory(tmp_path):
     content[start + 16 : start + 24] = struct.pack("<Q", 1 << 60)
     path.write_bytes(content)
     assert "a chunk would have 1152921504606846976 bytes" in refusal(path)
+
+
+class Reads(BytesIO):
+    """A file that counts how often it is read."""
+
+    count = 0
+
+    def read(self, size=-1, /):
+        self.count += 1
+        return super().read(size)
+
+
+HOLE = 8 << 20
+
+
+def test_a_tail_of_zeros_is_passed_over_at_once(tmp_path):
+    """As some file systems leave it after a power cut; the summary is lost with it."""
+    content = write(tmp_path / "run.mcap").read_bytes()
+    start, length = list(chunks(content))[3]
+    file = Reads(content[: start + length] + bytes(HOLE))
+    scan = Scan(file, start + length + HOLE)
+    assert scan.problem == f"is cut off or broken at byte {start + length} of {start + length + HOLE}"
+    assert scan.index.counts.total() > 0
+    assert file.count < 100
+
+
+@pytest.mark.parametrize("size", [9, 10, 4096])
+def test_reading_goes_on_behind_a_hole_of_zeros(tmp_path, size):
+    path = write(tmp_path / "run.mcap")
+    content = path.read_bytes()
+    start, length = list(chunks(content))[3]
+    end = start + length
+    path.write_bytes(content[:end] + bytes(size) + content[end:-40])
+    assert f"is cut off or broken at byte {end} of" in refusal(path)
+    assert read(path, skip=True)[0] == COUNT
+
+
+def test_a_record_of_opcode_zero_is_noticed(tmp_path):
+    path = write(tmp_path / "run.mcap")
+    content = bytearray(path.read_bytes())
+    start, _ = list(chunks(content))[3]
+    content[start - 9] = 0
+    path.write_bytes(content[:-40])
+    assert f"is cut off or broken at byte {start - 9} of" in refusal(path)
+    assert 0 < read(path, skip=True)[0] < COUNT
 
 
 @pytest.mark.parametrize(

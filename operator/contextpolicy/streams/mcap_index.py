@@ -35,6 +35,8 @@ _HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
 """Opcode, length, where the summary and its offsets start, and the checksum of all but that and the magic."""
 _CHECKED = _FOOTER.size - 4
+_BLOCK = 1 << 20
+"""Bytes that are looked at together."""
 
 
 class BrokenError(Exception):
@@ -185,11 +187,26 @@ class Scan:
             self._file.seek(at)
             head = self._file.read(_HEAD.size)
             opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, self._size)
-            if length > self._size - at - _HEAD.size:
+            too_long = length > self._size - at - _HEAD.size
+            if too_long or not opcode:  # there is no record of opcode 0
                 self.problem = self.problem or f"is cut off or broken at byte {at} of {self._size}"
+            if too_long:
                 return
+            if not any(head):
+                at = self._behind_zeros(at)
+                continue
             yield opcode, at + _HEAD.size, length
             at += _HEAD.size + length
+
+    def _behind_zeros(self, at: int) -> int:
+        """Where a hole that a power cut left ends: file systems fill what was never written with zeros."""
+        self._file.seek(at)
+        while block := self._file.read(_BLOCK):
+            rest = block.lstrip(b"\0")
+            if rest:
+                return at + len(block) - len(rest)
+            at += len(block)
+        return at
 
     def _take(self, piece: Piece) -> None:
         try:
