@@ -60,9 +60,9 @@ class Slam(Task):
         }
 
 
-def effort(share: float | None) -> Effort:
-    """The work that a share in cores pays for: with one core all features and frequent keyframes."""
-    part = 1.0 if share is None else min(share, 1.0)
+def effort(quality: float | None) -> Effort:
+    """The work of a quality from 0 to 1: at 1, or where none is set, all features and frequent keyframes."""
+    part = 1.0 if quality is None else min(quality, 1.0)
     return Effort(
         features=round(FEWEST_FEATURES + part * (MOST_FEATURES - FEWEST_FEATURES)),
         overlap=LEAST_OVERLAP + part * (MOST_OVERLAP - LEAST_OVERLAP),

@@ -80,6 +80,8 @@ def _scan(value: Mapping[str, Any], _: Output) -> dict[str, object]:
         "angle_min": start,
         "angle_max": end,
         "angle_increment": (end - start) / max(len(ranges) - 1, 1),
+        "time_increment": value.get("time_increment", 0.0),
+        "scan_time": value.get("scan_time", 0.0),
         "range_min": value.get("range_min", 0.0),
         "range_max": value.get("range_max", math.inf),
         "ranges": ranges,

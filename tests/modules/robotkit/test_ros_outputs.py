@@ -106,7 +106,8 @@ def test_speeds_are_a_twist():
 
 def test_a_laser_scan_has_infinity_where_nothing_was_measured():
     value = {"start_angle": 0.0, "end_angle": 3.0, "ranges": [1.5, 0, 2.5, 0], "range_min": 0.15, "range_max": 12.0}
-    scan = message("scan", "sensor_msgs/msg/LaserScan", value)
+    scan = message("scan", "sensor_msgs/msg/LaserScan", {**value, "scan_time": 0.18, "time_increment": -0.045})
+    assert (round(scan.scan_time, 3), round(scan.time_increment, 3)) == (0.18, -0.045)
     assert scan.ranges.tolist() == [1.5, math.inf, 2.5, math.inf]
     assert (scan.angle_min, scan.angle_max, scan.angle_increment) == (0.0, 3.0, 1.0)
     assert (round(scan.range_min, 3), scan.range_max) == (0.15, 12.0)
