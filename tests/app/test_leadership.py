@@ -30,8 +30,8 @@ class Api:
         self.leases[namespace, name] = written
         return written
 
-    def read(self, path):
-        raise AssertionError(path)
+    def read_page(self, path, most):
+        raise AssertionError(path, most)
 
     def watch(self, path, version):
         raise AssertionError(path, version)

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 from contextpolicy.app.watches import Watches
+from contextpolicy.cluster.paging import Page
 from tests.cluster.builders import a_pod
 from tests.small_cluster import Recorder
 from tests.waiting import PATIENCE
@@ -23,8 +24,8 @@ class Api:
         self.ended = threading.Event()
         self._lists = {"pods": [a_pod("slam")], "nodes": [NODE]}
 
-    def read(self, path):
-        return {"metadata": {"resourceVersion": "1"}, "items": self._lists[_plural(path)]}
+    def read_page(self, path, _most):
+        return Page({"metadata": {"resourceVersion": "1"}, "items": self._lists[_plural(path)]}, 1)
 
     def watch(self, path, _):
         gone = [json.dumps({"type": "DELETED", "object": one}).encode() for one in self._lists[_plural(path)]]

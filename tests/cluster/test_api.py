@@ -152,7 +152,7 @@ def test_originals_are_merged_into_the_status(api, server):
 )
 def test_objects_of_all_namespaces_or_of_one_are_listed(api, server, kind, namespace, path):
     server.answer = 200, b'{"items": [{"kind": "Any"}]}'
-    assert getattr(api, kind)(namespace) == [{"kind": "Any"}]
+    assert list(getattr(api, kind)(namespace)) == [{"kind": "Any"}]
     assert [asked.partition("?")[0] for _, asked, _, _ in server.requests] == [path]
 
 
@@ -169,8 +169,23 @@ def test_malformed_list_is_an_error(api, server, answer):
 def test_a_closed_namespace_is_an_error(api, server, kind):
     server.answer = 403, b'{"message": "you may not"}'
     with pytest.raises(ActuationError, match="you may not") as caught:
-        getattr(api, kind)("closed")
+        list(getattr(api, kind)("closed"))
     assert caught.value.reason == "Forbidden"
+
+
+def test_page_is_read_no_further_than_it_may_be(api, server):
+    server.answer = 200, json.dumps({"items": ["x" * 1000]}).encode()
+    assert api.read_page("/api/v1/pods?limit=2", 1000) is None
+    page = api.read_page("/api/v1/pods?limit=1", None)
+    assert (page.content, page.weight) == ({"items": ["x" * 1000]}, len(server.answer[1]))
+
+
+def test_page_that_ends_early_is_an_error(api, server):
+    server.headers = {"Content-Length": "1000", "Connection": "close"}
+    server.answer = 200, b'{"items": ['
+    with pytest.raises(ActuationError) as caught:
+        api.read_page("/api/v1/pods?limit=2", 1000)
+    assert (caught.value.reason, caught.value.retriable) == ("Unreachable", True)
 
 
 def test_finalizers_are_replaced_in_the_version_that_was_read(api, server):

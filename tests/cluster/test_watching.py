@@ -9,6 +9,7 @@ import threading
 import pytest
 
 from contextpolicy.cluster import watching
+from contextpolicy.cluster.paging import FIRST, GROW, Page
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError
 from tests.waiting import PATIENCE
@@ -20,7 +21,7 @@ def an_item(name, version=1):
     return {"metadata": {"name": name, "uid": f"uid-{name}", "resourceVersion": str(version)}}
 
 
-LIST = f"/pods?limit={watching.PAGE}"
+LIST = f"/pods?limit={FIRST}"
 
 
 def a_list(*items, version=1, more=None):
@@ -67,8 +68,9 @@ class Api:
         self.quiet = Response(endless=True)
         self.idle = threading.Event()
 
-    def read(self, path):
-        return self._answer(path)
+    def read_page(self, path, _most):
+        found = self._answer(path)
+        return Page(found, len(json.dumps(found)))
 
     def watch(self, path, version):
         return self._answer(f"{path} since {version}")
@@ -132,7 +134,7 @@ def test_a_paged_list_is_watched_from_its_common_resource_version():
     pages = a_list(an_item("slam"), version=4, more="a/b=="), a_list(an_item("speech"), version=4)
     reported, asked = follow(*pages)
     assert reported == ["slam", "speech"]
-    assert asked == [LIST, f"{LIST}&continue=a/b%3D%3D", "/pods since 4"]
+    assert asked == [LIST, f"/pods?limit={FIRST * GROW}&continue=a/b%3D%3D", "/pods since 4"]
 
 
 def test_a_list_whose_pages_have_expired_starts_over_and_forgets_nothing():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,15 +13,17 @@ from contextpolicy.actuators.resize.stored_originals import Signatures, StoredPo
 from contextpolicy.cli import main
 from contextpolicy.cluster.api import Secret
 from contextpolicy.cluster.lease import Lease
+from contextpolicy.cluster.paging import items
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import FINALIZER
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.test_vetting import OWNER, PATH, an_owner
 from tests.cluster.builders import a_pod, cpu
+from tests.cluster.paged_server import MIB, PagedServer, a_heavy_pod, peak
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 BEFORE = {"request": "100m", "limit": "500m"}
 REFUSED = ActuationError("Invalid", "no (HTTP 422)", retriable=False)
@@ -55,7 +58,7 @@ class Server:
         self.renewals.append(namespace)
         return self.leases[namespace]
 
-    def pods(self, namespace: str | None) -> list[dict[str, Any]]:
+    def pods(self, namespace: str | None) -> Iterable[dict[str, Any]]:
         return self._list(list(self.cluster.pods.values()), namespace)
 
     def policies(self, namespace: str | None) -> list[dict[str, Any]]:
@@ -417,6 +420,17 @@ def test_wait_for_a_deleted_lease_is_bounded(restore: Any, monkeypatch: pytest.M
     monkeypatch.setattr("time.sleep", waits.append)
     assert restore(server, RELEASE) == (0, "lab/slam/slam: limit 990m -> 500m\n")
     assert 25 <= sum(waits) <= 27
+
+
+def test_heavy_pods_of_others_do_not_exhaust_the_memory(restore: Any) -> None:
+    """The whole cluster's pods are listed, in a Job with 384 MiB."""
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+    assert restore(server, "--dry-run")[0] == 0
+    own = server.pods
+    heavy = PagedServer(200, a_heavy_pod)
+    server.pods = lambda where: chain(own(where), items(heavy, "/api/v1/pods"))  # type: ignore[method-assign]
+    assert peak(lambda: restore(server)) < 40 * MIB
+    assert server.cluster.limit("slam") == 500
 
 
 def test_manual_restore_skips_namespaces_of_a_running_operator(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,6 +32,7 @@ from contextpolicy.cluster.agent_reports import (
 )
 from contextpolicy.cluster.api import _version
 from contextpolicy.cluster.api_connection import _refusal
+from contextpolicy.cluster.paging import Page
 from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, OrderError, PolicyError
@@ -327,11 +328,11 @@ class _Server:
     def __init__(self, line: bytes) -> None:
         self.line, self.lists, self.stop = line, 0, Event()
 
-    def read(self, _path: str) -> dict[str, Any]:
+    def read_page(self, _path: str, _most: int | None) -> Page:
         self.lists += 1
         if self.lists > 1:
             self.stop.set()
-        return {"items": [], "metadata": {"resourceVersion": "1"}}
+        return Page({"items": [], "metadata": {"resourceVersion": "1"}}, 1)
 
     def watch(self, _path: str, _version: str) -> Any:
         return nullcontext(SimpleNamespace(stream=lambda **_: iter([self.line + b"\n"])))

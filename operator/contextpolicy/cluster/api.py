@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import urllib3
 
-from contextpolicy.cluster import lease
+from contextpolicy.cluster import lease, paging
 from contextpolicy.cluster.api_connection import JSON, ApiConnection, excerpt
 from contextpolicy.cluster.lease import Lease
+from contextpolicy.cluster.paging import Page
 from contextpolicy.cluster.pods import version_of
 from contextpolicy.cluster.serving import Service, service
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import API, PLURAL, path_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from contextpolicy.cluster.api_connection import AnswerListener, Kubeconfig
 
@@ -110,8 +111,12 @@ class ApiServer:
 
     def items(self, path: str) -> list[dict[str, Any]]:
         """GET the objects of a list."""
-        found: list[dict[str, Any]] = self.read(path, "items")["items"]
-        return found
+        return list(paging.items(self, path))
+
+    def read_page(self, path: str, most: int | None) -> Page | None:
+        """GET a part of a list; None if it has more bytes than `most`."""
+        answer = self._connection.send_up_to(path, most)
+        return None if answer is None else Page(_object(answer, "items"), len(answer))
 
     def watch(self, path: str, version: str) -> urllib3.BaseHTTPResponse:
         """The changes of a list since `version`, one JSON object per line; the caller closes the response.
@@ -122,13 +127,13 @@ class ApiServer:
         join = "&" if "?" in path else "?"
         return self._connection.stream(f"{path}{join}{query}")
 
-    def pods(self, namespace: str | None) -> list[dict[str, Any]]:
-        """The pods of a namespace, or of all (None)."""
-        return self._list("/api/v1", namespace, "pods")
+    def pods(self, namespace: str | None) -> Iterator[dict[str, Any]]:
+        """The pods of a namespace, or of all (None), as they are read: together they may be too large to be kept."""
+        return paging.items(self, _list_path("/api/v1", namespace, "pods"))
 
     def policies(self, namespace: str | None) -> list[dict[str, Any]]:
         """The ContextPolicy objects of a namespace, or of all (None); NotFound if their definition is not installed."""
-        return self._list(API, namespace, PLURAL)
+        return self.items(_list_path(API, namespace, PLURAL))
 
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         """The data of a ConfigMap."""
@@ -189,12 +194,13 @@ class ApiServer:
         """Create an Event."""
         self._connection.send("POST", f"/api/v1/namespaces/{namespace}/events", event, JSON)
 
-    def _list(self, root: str, namespace: str | None, plural: str) -> list[dict[str, Any]]:
-        return self.items(f"{root}/{plural}" if namespace is None else f"{root}/namespaces/{namespace}/{plural}")
-
     def _write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> bytes:
         path = f"{path_of(namespace, name)}/status"
         return self._connection.send("PATCH", path, {"status": dict(status)}, MERGE)
+
+
+def _list_path(root: str, namespace: str | None, plural: str) -> str:
+    return f"{root}/{plural}" if namespace is None else f"{root}/namespaces/{namespace}/{plural}"
 
 
 def _lease_path(namespace: str, name: str) -> str:

@@ -29,6 +29,8 @@ TIMEOUT = urllib3.Timeout(connect=2.0, read=5.0)
 """Seconds to wait for a connection and for an answer."""
 HEARTBEAT = urllib3.Timeout(connect=2.0, read=90.0)
 """Seconds that a watch may be silent: the server sends a bookmark every minute (KEP-956)."""
+CHUNK = 64 * 2**10
+"""Bytes that are read at once of an answer whose length is bounded."""
 
 _REASONS = {
     400: ("BadRequest", False),
@@ -93,6 +95,22 @@ class ApiConnection:
             raise _refusal(response)
         return response.data
 
+    def send_up_to(self, path: str, most: int | None) -> bytes | None:
+        """The answer to a GET; None if it has more bytes than `most`, of which no more was read then."""
+        response = self._request("GET", path, None, timeout=TIMEOUT, preload_content=False)
+        found = bytearray()
+        try:
+            with response:
+                if response.status >= 300:
+                    raise _refusal(response)
+                for chunk in response.stream(CHUNK):
+                    found += chunk
+                    if most is not None and len(found) > most:
+                        return None
+        except (urllib3.exceptions.HTTPError, OSError) as error:
+            raise self._unreachable("GET", path, error) from error
+        return bytes(found)
+
     def dated(self, path: str) -> tuple[bytes, datetime]:
         """The answer to a GET, and when it was given by the server's clock; ours where it does not say."""
         response = self._request("GET", path, None, timeout=TIMEOUT)
@@ -119,11 +137,14 @@ class ApiConnection:
             raise ActuationError("NoToken", str(error), retriable=True) from error
         except (urllib3.exceptions.HTTPError, OSError) as error:
             self._listener.on_answer(method, "none")
-            path = target.partition("?")[0]
-            message = f"no answer from the API server at {self.address} to {method} {path}: {_cause(error)}"
-            raise ActuationError("Unreachable", message, retriable=True, in_doubt=True) from error
+            raise self._unreachable(method, target, error) from error
         self._listener.on_answer(method, str(response.status))
         return response
+
+    def _unreachable(self, method: str, target: str, error: Exception) -> ActuationError:
+        path = target.partition("?")[0]
+        message = f"no answer from the API server at {self.address} to {method} {path}: {_cause(error)}"
+        return ActuationError("Unreachable", message, retriable=True, in_doubt=True)
 
 
 def _cause(error: BaseException) -> str:

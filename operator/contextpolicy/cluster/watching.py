@@ -14,14 +14,14 @@ from concurrent.futures import Future
 from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol
-from urllib.parse import quote
 
 from kubernetes.watch.watch import iter_resp_lines
 
+from contextpolicy.cluster.paging import PageReader, pages
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     import urllib3
 
@@ -31,16 +31,8 @@ PAUSES = (0.1, 0.2, 0.5, 1.0)
 """Seconds between attempts to reach the API server; the last one repeats."""
 
 
-PAGE = 500
-"""Objects in one page of a list: 5000 pods at once take 200 MiB to decode. All pages show one moment, whose version the
-watch starts from; when the server no longer has it (410) it lists again."""
-
-
-class ListWatch(Protocol):
+class ListWatch(PageReader, Protocol):
     """What a watch needs of the API server."""
-
-    def read(self, path: str) -> dict[str, Any]:
-        """GET a list."""
 
     def watch(self, path: str, version: str) -> urllib3.BaseHTTPResponse:
         """The changes of a list since `version`, one JSON object per line."""
@@ -110,8 +102,9 @@ class ObjectWatch:
                 self._rest(error)
 
     def _list(self) -> None:
+        """All pages show one moment, from which the watch starts; without it (410) the list is read again."""
         uids: set[str] = set()
-        for page in self._pages():
+        for page in pages(self._api, self._path):
             uids |= {item["metadata"]["uid"] for item in page["items"]}
             self._known |= uids  # should a later page fail, these are known all the same
             for item in page["items"]:
@@ -127,14 +120,6 @@ class ObjectWatch:
         if not self.listed.done():
             self.listed.set_result(None)
             self._listener.on_listing()
-
-    def _pages(self) -> Iterator[dict[str, Any]]:
-        path = f"{self._path}{'&' if '?' in self._path else '?'}limit={PAGE}"
-        page = self._api.read(path)
-        yield page
-        while more := page["metadata"].get("continue"):
-            page = self._api.read(f"{path}&continue={quote(more)}")
-            yield page
 
     def _follow(self) -> None:
         """Watch until the server ends it, as it does every few minutes; the next one resumes from the last version."""

@@ -16,7 +16,7 @@ from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import FINALIZER
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures
     from contextpolicy.actuators.resize.vetting import Vetted
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 class RestoreApi(pod_patch.ResizeApi, LeaseReader, Protocol):
     """The calls to the API server that a restoration needs."""
 
-    def pods(self, namespace: str | None) -> list[dict[str, Any]]:
-        """The pods of a namespace, or of all (None)."""
+    def pods(self, namespace: str | None) -> Iterable[dict[str, Any]]:
+        """The pods of a namespace, or of all (None), as they are read: together they may be too large to be kept."""
 
     def policies(self, namespace: str | None) -> list[dict[str, Any]]:
         """The ContextPolicy objects of a namespace, or of all (None)."""
