@@ -8,7 +8,7 @@ import pytest
 
 from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.cluster.resource_quantities import LARGEST_QUANTITY, millicores
-from tests.cluster.builders import a_pod, cpu
+from tests.cluster.builders import a_pod, cpu, granted
 
 NOTE = json.dumps({"slam": {"policy": "lab/robot", "request": "100m", "limit": "1"}})
 EQUAL = ("64Mi", "64Mi")
@@ -23,6 +23,18 @@ def test_a_pod_of_the_api():
     assert (container.name, container.list_field, container.container_id) == ("slam", "containers", "containerd://slam")
     assert (container.spec, container.actual) == (Cpu(100, 500), Cpu(100, 500))
     assert (container.memory_request, container.memory_limit) == (64 << 20, 128 << 20)
+
+
+def test_what_a_view_keeps_is_bounded():
+    """Anyone may create pods with tens of thousands of labels and containers, and all views stay in memory."""
+    names = [f"c{index}" for index in range(101)]
+    labels = {name: "" for name in names}
+    pod = granted("7m", a_pod(containers={name: cpu("10m", "20m") for name in names}, labels=labels))
+    seen = view(pod)
+    assert (seen.labels, seen.containers, seen.reserved) == ({}, (), 707)
+    del pod["status"]["containerStatuses"], pod["spec"]["containers"][0], labels["c0"]
+    seen = view(pod)
+    assert (len(seen.labels), len(seen.containers), seen.reserved) == (100, 100, 10)
 
 
 def test_a_pod_that_the_kubelet_has_not_seen():

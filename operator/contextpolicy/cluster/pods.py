@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 MIRROR = "kubernetes.io/config.mirror"
 """Annotation of a static pod's mirror pod in the API; the kubelet refuses to resize it."""
 
+MOST_LABELS = MOST_CONTAINERS = 100
+"""A view keeps no more: anyone may create pods with tens of thousands, and views of all pods stay in memory."""
+
 
 class Cpu(NamedTuple):
     """A container's CPU request and limit in thousandths of a core; None where it has none."""
@@ -63,6 +66,11 @@ class ContainerView:
         if self.allocated is None:
             return request if self.container_id else 0
         return min(request, self.allocated)
+
+    @property
+    def kept(self) -> int:
+        """The request that counts beside others': what the kubelet has granted, or before it has seen the pod, all."""
+        return self.admitted if self.allocated is not None else self.spec.request or 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +190,11 @@ class PodView:
 
 
 def view(pod: Mapping[str, Any]) -> PodView:
-    """The view of a pod object from the API; ValueError when it can't be read, such as for a quantity that is none."""
+    """The view of a pod object from the API; ValueError when it can't be read, such as for a quantity that is none.
+
+    One with too many labels is seen without them, so no task selects it. One with too many containers is seen without
+    them too; what they request is `reserved`.
+    """
     try:
         return _view(pod)
     except (TypeError, KeyError, AttributeError) as error:
@@ -191,16 +203,18 @@ def view(pod: Mapping[str, Any]) -> PodView:
 
 def _view(pod: Mapping[str, Any]) -> PodView:
     metadata, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
-    annotations = metadata.get("annotations") or {}
+    annotations, labels = metadata.get("annotations") or {}, metadata.get("labels") or {}
+    containers = tuple(_containers(metadata, spec, status))
+    crowd = containers if len(containers) > MOST_CONTAINERS else ()
     return PodView(
         namespace=metadata["namespace"],
         name=metadata["name"],
         uid=metadata["uid"],
         node=spec.get("nodeName") or "",
-        labels=metadata.get("labels") or {},
+        labels=labels if len(labels) <= MOST_LABELS else {},
         qos=status.get("qosClass") or "",
         mirror=MIRROR in annotations,
-        containers=tuple(_containers(metadata, spec, status)),
+        containers=() if crowd else containers,
         generation=metadata.get("generation") or 0,
         observed_generation=status.get("observedGeneration"),
         pending=_pending(status),
@@ -208,7 +222,7 @@ def _view(pod: Mapping[str, Any]) -> PodView:
         ended=bool(metadata.get("deletionTimestamp")) or status.get("phase") in ("Succeeded", "Failed"),
         running=any("running" in (entry.get("state") or {}) for entry in _statuses(status)),
         version=version_of(metadata),
-        reserved=max(_peak(spec), cpu_of(spec.get("resources") or {}).request or 0),
+        reserved=max(_peak(spec), cpu_of(spec.get("resources") or {}).request or 0, sum(one.kept for one in crowd)),
         overhead=millicores((spec.get("overhead") or {}).get("cpu")) or 0,
         owner=owner_of(metadata),
         pooled=cpu_of(spec.get("resources") or {}) != Cpu(None, None),

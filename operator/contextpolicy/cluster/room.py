@@ -131,10 +131,8 @@ def demand(pod: PodView, original: Original = lambda *_: None, moved: Mapping[st
 
 
 def _fixed(container: ContainerView, before: Cpu | None) -> int:
-    """A kubelet makes room for what it has granted; before it has seen the pod, for all that the pod requests."""
-    if before is None and container.allocated is not None:
-        return container.admitted
-    return (before or container.spec).request or 0
+    """What it had before any policy, else what its kubelet makes room for."""
+    return container.kept if before is None else before.request or 0
 
 
 def fit(left: int, demands: Sequence[PodDemand]) -> int:
