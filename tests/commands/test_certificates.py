@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import stat
+from base64 import b64encode
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from contextpolicy.bus.expiry import end
-from contextpolicy.bus.issuing import LIFETIME
+from contextpolicy.bus.issuing import AUTHORITY_LIFETIME, LIFETIME, found_authority, pem
 from contextpolicy.bus.renewal import Place, Release
 from contextpolicy.cluster.api import ApiServer, Secret
 from contextpolicy.commands import certificates, credentials
@@ -26,6 +28,7 @@ class Cluster(ApiServer):
     def __init__(self, release=RELEASE, pods=()):
         self.secrets = {place: Secret({}, "1") for place in release.places()}
         self.written: list[Place] = []
+        self.immutable: set[Place] = set()
         self._pods = pods
 
     def secret(self, namespace, name):
@@ -35,6 +38,8 @@ class Cluster(ApiServer):
 
     def write_secret(self, namespace, name, files, version):
         place = Place(namespace, name)
+        if place in self.immutable:
+            raise ActuationError("Invalid", "field is immutable when `immutable` is set", retriable=False)
         if self.secrets[place].version != version:
             raise ActuationError("Conflict", "it has changed", retriable=True)
         self.secrets[place] = Secret(files, str(int(version) + 1))
@@ -61,7 +66,7 @@ def test_one_of_two_concurrent_writers_retries():
 
     class Overtaken(Cluster):
         def __init__(self):
-            self.secrets, self.written = cluster.secrets, []
+            self.secrets, self.written, self.immutable = cluster.secrets, [], set()
 
         def secret(self, namespace, name):
             before = super().secret(namespace, name)
@@ -91,6 +96,77 @@ def test_a_clock_that_is_far_ahead_changes_nothing(capsys):
     certificates.renew(cluster, RELEASE, datetime(2106, 2, 7, tzinfo=UTC), NOW)
     assert cluster.secrets == before
     assert "the clock can't be right, it says 2106-02-07: nothing is renewed" in capsys.readouterr().out
+
+
+ROBOTS = [Place("robot", "ctxp-bus-sensor"), Place("robot", "ctxp-bus-module")]
+LATER = NOW + LIFETIME
+
+
+def an_end(year):
+    """A certificate that ends then."""
+    return pem([found_authority("any", datetime(year, 1, 1, tzinfo=UTC) - AUTHORITY_LIFETIME).certificate])
+
+
+def of_unknown_version():
+    """As X.509 does not have it."""
+    der = found_authority("any", NOW).certificate.public_bytes(Encoding.DER)
+    broken = b64encode(der.replace(b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x07", 1)).decode()
+    return f"-----BEGIN CERTIFICATE-----\n{broken}\n-----END CERTIFICATE-----\n".encode()
+
+
+def renewed_beside(change):
+    """A cluster of which a year later a robot's namespace has been changed by its people; and whether all are good."""
+    cluster = Cluster()
+    certificates.renew(cluster, RELEASE, NOW, NOW)
+    cluster.written.clear()
+    change(cluster)
+    return cluster, certificates.renew(cluster, RELEASE, LATER, NOW)
+
+
+def own_and(*others):
+    """All places that end after a year."""
+    return sorted({*RELEASE.places()} - {RELEASE.key, RELEASE.authority, *ROBOTS} | {*others})
+
+
+def test_missing_secret_of_a_robot_keeps_no_other_from_being_renewed(capsys):
+    cluster, good = renewed_beside(lambda cluster: cluster.secrets.pop(ROBOTS[0]))
+    assert (sorted(cluster.written), good) == (own_and(ROBOTS[1]), False)
+    assert "robot/ctxp-bus-sensor: NOT written: no Secret ctxp-bus-sensor; if it exists, delete it" in capsys.readouterr().err
+
+
+def test_immutable_secret_of_a_robot_keeps_no_other_from_being_renewed(capsys):
+    cluster, good = renewed_beside(lambda cluster: cluster.immutable.add(ROBOTS[0]))
+    assert (sorted(cluster.written), good) == (own_and(ROBOTS[1]), False)
+    assert "robot/ctxp-bus-sensor: NOT written: field is immutable" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [b"garbage", of_unknown_version(), an_end(9000)])
+def test_whatever_a_robots_secret_holds_is_replaced(content):
+    def fill(cluster):
+        held = cluster.secrets[ROBOTS[0]]
+        cluster.secrets[ROBOTS[0]] = Secret({**held.files, "tls.crt": content}, held.version)
+
+    cluster, good = renewed_beside(fill)
+    assert (sorted(cluster.written), good) == (own_and(*ROBOTS), True)
+
+
+def test_secret_of_a_robot_says_nothing_about_the_time(capsys):
+    """It would have an authority made that ends after the year 9999, which is an error."""
+    cluster = Cluster()
+    cluster.secrets[ROBOTS[0]] = Secret({"tls.crt": an_end(9998)}, "1")
+    assert certificates.renew(cluster, RELEASE, NOW - timedelta(days=1), NOW)
+    assert f"and {NOW:%F} counts" in capsys.readouterr().out
+
+
+def test_exit_code_says_whether_all_are_good(monkeypatch):
+    cluster = Cluster()
+    monkeypatch.setattr(certificates, "api_server", lambda _: _Opened(cluster))
+    given = argparse.Namespace(
+        release="system/ctxp", router_name=["localhost"], share=["robot"], no_bus=False, no_signing=False
+    )
+    assert certificates.main(given) == 0
+    del cluster.secrets[ROBOTS[0]]
+    assert certificates.main(given) == 1
 
 
 def pod(mounted="ctxp-bus-operator", namespace="system"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cryptography.x509 import load_pem_x509_certificates
+from cryptography.x509 import InvalidVersion, load_pem_x509_certificates
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -14,5 +14,5 @@ def end(pem: bytes) -> datetime | None:
     """The first end of the certificates in a file; None when it has none that can be read."""
     try:
         return min(one.not_valid_after_utc for one in load_pem_x509_certificates(pem))
-    except ValueError:
+    except (ValueError, InvalidVersion):
         return None

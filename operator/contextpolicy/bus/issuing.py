@@ -31,7 +31,16 @@ NEVER = datetime(9999, 12, 31, 23, 59, 59, tzinfo=UTC)
 LIFETIME = timedelta(days=365)
 AUTHORITY_LIFETIME = timedelta(days=20 * 365)
 
-UNREADABLE = (KeyError, ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm)
+UNREADABLE = (
+    KeyError,
+    ValueError,
+    TypeError,
+    InvalidSignature,
+    UnsupportedAlgorithm,
+    x509.InvalidVersion,
+    x509.DuplicateExtension,
+    x509.UnsupportedGeneralNameType,
+)
 """What a Secret may raise where it is not what we wrote."""
 
 
@@ -106,11 +115,11 @@ def is_of(files: Mapping[str, bytes], issuer: Issuer, role: str, names: Iterable
     try:
         certificate, key = x509.load_pem_x509_certificate(files[CERTIFICATE]), load_pem_private_key(files[KEY], None)
         certificate.verify_directly_issued_by(issuer.certificate)
+        said = certificate.subject, _names(certificate)
     except UNREADABLE:
         return False
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, role)])
-    fits = certificate.subject == subject and _names(certificate) == {_general(name) for name in names}
-    return fits and key.public_key() == certificate.public_key()
+    return said == (subject, {_general(name) for name in names}) and key.public_key() == certificate.public_key()
 
 
 def trusted(files: Mapping[str, bytes], now: datetime) -> list[x509.Certificate]:

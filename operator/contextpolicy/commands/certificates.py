@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contextpolicy.commands.cluster_access import add_cluster, api_server
+from contextpolicy.commands.exit_codes import NO, OK
+from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterable
     from datetime import datetime
 
-    from contextpolicy.bus.renewal import Release
-    from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.bus.renewal import Place, Release
+    from contextpolicy.cluster.api import ApiServer, Secret
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -55,24 +59,54 @@ def main(arguments: argparse.Namespace) -> int:
         signing=not arguments.no_signing,
     )
     with api_server(arguments) as api:
-        renew(api, release, datetime.now(UTC), built())
-    return 0
+        return OK if renew(api, release, datetime.now(UTC), built()) else NO
 
 
-def renew(api: ApiServer, release: Release, now: datetime, built: datetime) -> None:
-    """Each Secret is written only as it was read: of two who renew at once one fails, and tries again."""
+def renew(api: ApiServer, release: Release, now: datetime, built: datetime) -> bool:
+    """Each Secret is written only as it was read: of two who renew at once one fails, and tries again.
+
+    Returns whether all are good now. Who may edit a robot's namespace may delete its Secrets and fill them as they
+    like: what is wrong there is printed, keeps no other from being written, and says nothing about the time.
+    """
     from contextpolicy.bus.renewal import due, moment
 
-    found = {place: api.secret(place.namespace, place.name) for place in release.places()}
+    places = release.places()
+    own = {place: api.secret(place.namespace, place.name) for place in places if place.namespace == release.namespace}
+    shared = _readable(api, (place for place in places if place not in own))
+    found = own | shared
     files = {place: secret.files for place, secret in found.items()}
-    time = moment(release, files, now, built)
+    time = moment(release, {place: files[place] for place in own}, now, built)
     if time != now:
         print(f"the clock can't be right, it says {now:%F}: nothing is renewed, and {time:%F} counts")
-    changes = due(release, files, time)
-    for place, content in changes.items():
-        api.write_secret(place.namespace, place.name, content, found[place].version)
-        print(f"{place.namespace}/{place.name}: written")
-    print(f"{len(found) - len(changes)} of {len(found)} Secrets are good as they are")
+    changes = {place: content for place, content in due(release, files, time).items() if place in found}
+    failed = len(places) - len(found)
+    for place, content in sorted(changes.items(), key=lambda change: change[0] in shared):
+        try:
+            api.write_secret(place.namespace, place.name, content, found[place].version)
+        except ActuationError as error:
+            if place in own:
+                raise
+            failed += 1
+            _complain(place, error)
+        else:
+            print(f"{place.namespace}/{place.name}: written")
+    print(f"{len(found) - len(changes)} of {len(places)} Secrets are good as they are")
+    return not failed
+
+
+def _readable(api: ApiServer, places: Iterable[Place]) -> dict[Place, Secret]:
+    found = {}
+    for place in places:
+        try:
+            found[place] = api.secret(place.namespace, place.name)
+        except (ActuationError, ValueError) as error:
+            _complain(place, error)
+    return found
+
+
+def _complain(place: Place, error: Exception) -> None:
+    remedy = "if it exists, delete it; upgrading the release makes it anew. Or remove its namespace from security.namespaces"
+    print(f"{place.namespace}/{place.name}: NOT written: {error}; {remedy}", file=sys.stderr)
 
 
 def built() -> datetime:
