@@ -50,21 +50,30 @@ class Occupancy:
         self._first: dict[str, Lease] = {}
 
     def settle(self, namespaces: Iterable[str]) -> None:
-        """Look until it is known of each namespace, for as long as a Lease lasts at most; ActuationError if unread."""
-        open_ones = {namespace for namespace in namespaces if namespace not in self._first and self._is_open(namespace)}
+        """Look until it is known of each namespace, for as long as a Lease lasts at most.
+
+        All of them at once: anybody may leave Leases without a holder. What can't be read is an error of `served_by`.
+        """
+        found: dict[str, Lease] = {}
+        for namespace in set(namespaces) - self._first.keys():
+            with suppress(ActuationError):
+                found[namespace] = self._look(namespace)
+        self._first |= found
+        open_ones = {namespace for namespace, first in found.items() if self._is_open(first)}
         waited = 0.0
         while open_ones:
             self._wait(LOOK)
             waited += LOOK
-            patience = {one: self._first[one].seconds or MISSING for one in open_ones}
-            open_ones = {one for one in open_ones if not self._is_known(one) and waited <= patience[one]}
+            open_ones = {one for one in open_ones if not self._is_known(one) and waited <= _patience(found[one])}
 
     def served_by(self, namespace: str) -> str:
         """The other operator that serves a namespace at this instant, empty if there is none; ActuationError if unread.
 
         `settle` must have looked at the namespace before.
         """
-        first, now = self._first[namespace], self._look(namespace)
+        first, now = self._first.get(namespace), self._look(namespace)
+        if first is None:
+            raise ActuationError("NotSettled", f"the Lease of {namespace} could not be read at first", retriable=True)
         if now.holder == self._release and self._release:
             now = self._renewed(namespace, now)
         if now.holder in ("", self._release):
@@ -80,13 +89,15 @@ class Occupancy:
                 with suppress(ActuationError):  # it runs out by itself
                     self._api.write_lease(namespace, NAMESPACE_LEASE, replace(now, holder="", seconds=1), TIMEOUT)
 
-    def _is_open(self, namespace: str) -> bool:
+    def _is_open(self, first: Lease) -> bool:
         """Whether only time can show if the holder of the Lease is alive."""
-        first = self._first[namespace] = self._look(namespace)
         return bool(self._release) is not bool(first.holder)
 
     def _is_known(self, namespace: str) -> bool:
-        return bool(self._look(namespace).holder if self._release else self.served_by(namespace))
+        try:
+            return bool(self._look(namespace).holder if self._release else self.served_by(namespace))
+        except ActuationError:
+            return False
 
     def _renewed(self, namespace: str, own: Lease) -> Lease:
         """Our Lease, renewed; or that of who was faster."""
@@ -102,3 +113,8 @@ class Occupancy:
 
     def _look(self, namespace: str) -> Lease:
         return self._api.lease(namespace, NAMESPACE_LEASE)
+
+
+def _patience(first: Lease) -> int:
+    """A Lease without a holder is not waited for as long as it says, which nobody means."""
+    return first.seconds or MISSING if first.holder else min(first.seconds or MISSING, MISSING)
