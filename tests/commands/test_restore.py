@@ -21,6 +21,7 @@ from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.test_vetting import OWNER, PATH, an_owner
 from tests.cluster.builders import a_pod, cpu
 from tests.cluster.paged_server import MIB, PagedServer, a_heavy_pod, peak
+from tests.policies.builders import a_policy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -44,6 +45,7 @@ class Server:
         self.leases: dict[str, Lease] = {}
         self.renewals: list[str] = []
         self.closed = False
+        self.conflicts = 0
 
     def lease(self, namespace: str, name: str) -> Lease:
         assert name == "contextpolicy"
@@ -76,7 +78,8 @@ class Server:
 
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
         (found,) = [p for p in self._list(self.objects, namespace) if p["metadata"]["name"] == name]
-        if found["metadata"]["resourceVersion"] != version:
+        if self.conflicts or found["metadata"]["resourceVersion"] != version:
+            self.conflicts = max(0, self.conflicts - 1)
             raise ActuationError("Conflict", "changed (HTTP 409)", retriable=True)
         found["metadata"]["finalizers"] = list(finalizers)
 
@@ -278,9 +281,14 @@ def by_us(name: str = "slam") -> dict[str, Any]:
     return moved(name, managedFields=[{"manager": "contextpolicy", "time": "2026", "fieldsV1": fields}])
 
 
-def signed(limit: int) -> dict[str, Any]:
+def signed(limit: int, by: str = "lab/robot") -> dict[str, Any]:
     entry = StoredPod("slam", {"slam": Cpu(100, limit)})
-    return {"uid-slam": write(entry._replace(signature=Signatures(KEY).of("lab/robot", "uid-slam", entry)))}
+    return {"uid-slam": write(entry._replace(signature=Signatures(KEY).of(by, "uid-slam", entry)))}
+
+
+def with_spec(body: dict[str, Any]) -> dict[str, Any]:
+    """The policy with tasks that select slam and speech."""
+    return {**body, "spec": a_policy()["spec"]}
 
 
 def test_signed_originals_are_restored_and_the_key_is_deleted(restore: Any) -> None:
@@ -319,6 +327,71 @@ def test_unprovable_originals_keep_the_policy_and_the_key(restore: Any) -> None:
     ]
     assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
     assert server.cluster.policies == {"lab/robot": originals}
+
+
+def test_emptied_originals_are_replaced_by_the_owners_template(restore: Any) -> None:
+    """Helm deletes what protects a status before it runs the Job."""
+    pod = by_us()
+    pod["metadata"]["ownerReferences"] = [OWNER]
+    server = Server(pod, policies=[with_spec(policy())])
+    server.secrets, server.cluster.owners = dict(SECRETS), {PATH: an_owner("500m")}
+    server.leases = {"lab": GREEN}
+    assert restore(server, "--remove-finalizers", RELEASE)[1].startswith("lab/slam/slam: limit 990m -> 500m\n")
+    assert (server.cluster.limit("slam"), server.secrets) == (500, {})
+    server.leases = {"lab": GREEN}
+    assert restore(server, "--remove-finalizers", RELEASE) == (0, "nothing to restore\n")
+
+
+def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore: Any) -> None:
+    server = Server(by_us(), policies=[with_spec(policy())])
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    for _ in range(2):
+        code, out = restore(server, "--remove-finalizers", RELEASE)
+        assert (code, out.splitlines()) == (
+            1,
+            [
+                (
+                    "lab/slam/slam: NOT restored: lab/slam/slam: status.originals no longer has an entry; "
+                    "no owner of the pod states its original, so it keeps request 100m, limit 990m"
+                ),
+                "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
+            ],
+        )
+    assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
+
+
+def test_original_in_another_policy_is_not_lost(restore: Any) -> None:
+    """Both select the container; one of them resized it."""
+    policies = [with_spec(policy()), with_spec(policy("other", originals=signed(500, "lab/other")))]
+    server = Server(by_us(), policies=policies)
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert (code, out.splitlines()[0]) == (0, "lab/slam/slam: limit 990m -> 500m")
+
+
+@pytest.mark.parametrize("dies", [False, True])
+def test_what_a_plan_left_as_it_was_is_known_until_the_finalizer_is_gone(restore: Any, *, dies: bool) -> None:
+    """The API server records our last change for ever; without the entry a repeated Job would find an original lost."""
+    server = Server(by_us(), moved("speech"), policies=[with_spec(policy(originals=signed(990) | before("gone")))])
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    if dies:
+        server.conflicts = 1
+        assert restore(server, "--remove-finalizers", RELEASE)[0] == 1
+        assert server.cluster.originals("uid-slam")
+    assert restore(server, "--remove-finalizers", RELEASE)[0] == 0
+    assert (server.cluster.originals("uid-slam"), server.secrets) == ({}, {})
+    server.leases = {"lab": GREEN}
+    assert restore(server, "--remove-finalizers", RELEASE) == (0, "nothing to restore\n")
+
+
+def test_entries_of_a_policy_without_finalizer_are_removed(restore: Any) -> None:
+    """An attempt ended just after it had removed the finalizer."""
+    released = with_spec(policy(originals=signed(990)))
+    released["metadata"]["finalizers"] = []
+    server = Server(by_us(), policies=[released])
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    assert restore(server, "--remove-finalizers", RELEASE) == (0, "lab/slam/slam: already as it was\n")
+    assert (server.cluster.policies, server.secrets) == ({"lab/robot": {}}, {})
 
 
 @pytest.mark.parametrize("secrets", [{}, {"green/contextpolicy-originals": Secret({}, "1")}])
@@ -395,6 +468,75 @@ def test_restore_stops_when_another_release_takes_the_namespace(restore: Any) ->
     )
     assert server.cluster.limit("speech") == 990
     assert server.cluster.policies["lab/robot"].keys() == {"uid-speech"}
+
+
+def test_finalizers_stay_where_another_release_was_in_the_middle(restore: Any) -> None:
+    """It has given the namespace back when finalizers are removed, but a container was left alone."""
+    server = Server(moved(), moved("speech"), policies=[policy(originals=before("slam", "speech"))])
+    server.leases = {"lab": GREEN}
+    resize, policies = server.resize, server.policies
+
+    def lose(namespace: str, name: str, patch: Mapping[str, Any], manager: str) -> int:
+        server.leases = {"lab": FIRST}
+        return resize(namespace, name, patch, manager)
+
+    def get_back(namespace: str | None) -> list[dict[str, Any]]:
+        if server.cluster.calls:
+            server.leases = {"lab": GREEN}
+        return policies(namespace)
+
+    server.resize, server.policies = lose, get_back  # type: ignore[method-assign]
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert (code, out.splitlines()[-1]) == (
+        1,
+        "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
+    )
+    assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
+    server.resize = resize
+    assert restore(server, "--remove-finalizers", RELEASE)[0] == 0
+    assert server.cluster.limit("speech") == 500
+
+
+def test_key_stays_while_another_release_has_originals_that_it_signed(restore: Any) -> None:
+    server = Server(by_us(), policies=[policy(originals=signed(500))])
+    server.secrets, server.leases = dict(SECRETS), {"lab": FIRST}
+    assert restore(server, "--remove-finalizers", RELEASE)[0] == 0
+    assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
+
+
+def test_key_goes_although_another_release_serves_a_namespace(restore: Any) -> None:
+    server = Server(by_us(), policies=[policy(originals=before("slam"))])
+    server.secrets, server.leases = dict(SECRETS), {"lab": FIRST}
+    assert restore(server, "--remove-finalizers", RELEASE)[0] == 0
+    assert server.secrets == {}
+
+
+def test_leases_without_a_holder_are_waited_for_at_once_and_not_for_long(
+    restore: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Anybody may leave one in each of the namespaces, and the Job has four minutes."""
+    names = [f"lab-{index}" for index in range(4)]
+    server = Server(policies=[policy(namespace=name) for name in names])
+    server.leases = {name: Lease(seconds=60, renewed="1", version="8") for name in names}
+    waits: list[float] = []
+    monkeypatch.setattr("time.sleep", waits.append)
+    code, out = restore(server, *(f"--namespace={name}" for name in names), "--remove-finalizers", RELEASE)
+    assert (code, out.count("finalizer removed")) == (0, 4)
+    assert 25 <= sum(waits) <= 27
+
+
+def test_lease_that_could_not_be_read_at_first_is_an_error(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody has waited for it."""
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+    read, failures = server.lease, [REFUSED, REFUSED]
+
+    def lease(namespace: str, name: str) -> Lease:
+        if failures:
+            raise failures.pop()
+        return read(namespace, name)
+
+    monkeypatch.setattr(server, "lease", lease)
+    assert (restore(server, RELEASE)[0], server.cluster.calls) == (2, [])
 
 
 def test_deleted_lease_may_be_recreated_by_its_holder(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,9 +14,10 @@ from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
-    from contextpolicy.actuators.resize.offline_restore import LeftAlone, Released, RestoreApi, Restored, Unread
+    from contextpolicy.actuators.resize.offline_release import Released
+    from contextpolicy.actuators.resize.offline_restore import LeftAlone, RestoreApi, Restored, Unread
     from contextpolicy.cluster.occupancy import Occupancy
     from contextpolicy.cluster.originals_key import SecretApi
     from contextpolicy.cluster.pods import Cpu
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
         def delete_secret(self, namespace: str, name: str) -> None:
             """Delete a Secret."""
+
+NEEDED = "hold originals that it signed, in namespaces that another release serves"
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -69,12 +72,14 @@ def run(api: CommandApi, arguments: argparse.Namespace) -> int:
 
     Its status has the only record of what that container had.
     """
+    from contextpolicy.actuators.resize.offline_restore import settle
     from contextpolicy.cluster.occupancy import Occupancy
 
     dry_run: bool = arguments.dry_run
     namespaces: Sequence[str | None] = arguments.namespace or [None]
     occupancy = Occupancy(api, arguments.release, time.sleep, dry_run=dry_run)
     key = _key(api, arguments.release)
+    settle(api, namespaces, occupancy)
     restored, left, unread = _restore(api, namespaces, occupancy, key, dry_run=dry_run)
     if len(unread) == len(namespaces):
         raise unread[0].error
@@ -82,13 +87,14 @@ def run(api: CommandApi, arguments: argparse.Namespace) -> int:
     if arguments.remove_finalizers:
         closed = {one.namespace for one in unread}
         readable = [where for where in namespaces if where not in closed]
-        released = _release(api, readable, occupancy, restored, dry_run=dry_run)
+        held = {one.policy for one in restored if one.error} | {one.namespace for one in left}
+        released = _release(api, readable, occupancy, key, held, dry_run=dry_run)
     _print(arguments.output, restored, left, released, unread)
     if dry_run:
         print("dry run: nothing was changed", file=sys.stderr)
     code = _exit_code(restored, released, unread)
     if code == 0 and arguments.remove_finalizers and not dry_run:
-        _finish(api, arguments.release, occupancy, key)
+        _finish(api, arguments, occupancy, key, {one.namespace for one in left})
     return code
 
 
@@ -111,20 +117,22 @@ def _restore(
     return restored, left, unread
 
 
-def _release(
+def _release(  # noqa: PLR0913 - as `release`
     api: CommandApi,
     namespaces: Sequence[str | None],
     occupancy: Occupancy,
-    restored: Sequence[Restored],
+    key: bytes | None,
+    held: Collection[str],
     *,
     dry_run: bool,
 ) -> list[Released]:
     """Remove the finalizers of the policies that have no container left to restore."""
-    from contextpolicy.actuators.resize import offline_restore
+    from contextpolicy.actuators.resize.offline_release import release
+    from contextpolicy.actuators.resize.stored_originals import signatures_with
 
-    held = {one.policy for one in restored if one.error}
+    signatures = signatures_with(key)
     return [
-        one for where in namespaces for one in offline_restore.release(api, where, occupancy, held, dry_run=dry_run)
+        one for where in namespaces for one in release(api, where, occupancy, signatures, held, dry_run=dry_run)
     ]
 
 
@@ -150,13 +158,23 @@ def _key(api: CommandApi, release: str) -> bytes | None:
     return key
 
 
-def _finish(api: CommandApi, release: str, occupancy: Occupancy, key: bytes | None) -> None:
-    """Nothing is left of the release: neither what it served nor what it has signed."""
+def _finish(
+    api: CommandApi, arguments: argparse.Namespace, occupancy: Occupancy, key: bytes | None, left: Collection[str]
+) -> None:
+    """Nothing is left of the release: neither what it served nor what it has signed, but for what others serve now."""
+    from contextpolicy.actuators.resize.offline_release import in_need
+    from contextpolicy.actuators.resize.stored_originals import Signatures
     from contextpolicy.cluster.originals_key import secret_of
 
+    release, namespaces = arguments.release, arguments.namespace or [None]
     try:
         if key is not None:
-            api.delete_secret(*secret_of(release))
+            own = Signatures(key)
+            needed = sorted(policy for where in namespaces for policy in in_need(api, where, left, own))
+            if needed:
+                print(f"Secret {'/'.join(secret_of(release))} stays: {', '.join(needed)} {NEEDED}", file=sys.stderr)
+            else:
+                api.delete_secret(*secret_of(release))
         occupancy.give_back()
     except ActuationError as error:
         print(f"not all of {release} could be removed: {error}", file=sys.stderr)

@@ -1,7 +1,8 @@
-"""Put containers back as they were before any policy, and remove policies' finalizers, without a running operator."""
+"""Put containers back as they were before any policy, without a running operator."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,16 +13,19 @@ from contextpolicy.actuators.resize.vetting import Vetting
 from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.occupancy import LeaseReader
 from contextpolicy.cluster.pods import view
-from contextpolicy.errors import ActuationError
+from contextpolicy.cluster.writers import FIELD_MANAGER
+from contextpolicy.errors import ActuationError, FindingsError
 from contextpolicy.policy.custom_resource import FINALIZER
+from contextpolicy.policy.parsing import parse
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures
     from contextpolicy.actuators.resize.vetting import Vetted
     from contextpolicy.cluster.occupancy import Occupancy
-    from contextpolicy.cluster.pods import Cpu, PodView
+    from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
+    from contextpolicy.policy.spec import Policy
 
 
 class RestoreApi(pod_patch.ResizeApi, LeaseReader, Protocol):
@@ -55,14 +59,6 @@ class Restored:
 
 
 @dataclass(frozen=True, slots=True)
-class Released:
-    """The outcome for one policy's finalizer; `error` says why it is still there."""
-
-    policy: str
-    error: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class LeftAlone:
     """A namespace with policies that another operator, `holder`, serves: what it has there is not touched."""
 
@@ -87,6 +83,18 @@ class _Part:
     originals: Mapping[str, Cpu]
     unknown: Mapping[str, str]
     """Why the originals of some of its containers are unknown; the status then keeps its entry for the pod."""
+    held: bool
+    """Whether the policy has our finalizer."""
+
+    @property
+    def lasting(self) -> bool:
+        """Whether the entry is needed until the finalizer is gone.
+
+        A container that a plan gave just what it had still counts as resized, as the API server records who changed a
+        value last: without its entry, a repeated run would have to find out again what it had.
+        """
+        views = self.pod.by_name
+        return self.held and any(_still_ours(views[name], cpu) for name, cpu in self.originals.items())
 
     @property
     def rise(self) -> int:
@@ -100,14 +108,14 @@ def restore(
 ) -> Iterator[Restored | LeftAlone | Unread]:
     """Restore every container whose original is in a policy's status, those that free the most CPU first.
 
-    What the operator has not signed is not believed, as after its restart; a container of which nobody knows what it
-    had is an error.
+    What the operator has not signed is not believed, and what somebody has removed is missed, as after its restart; a
+    container of which nobody knows what it had is an error.
 
     Pods that have ended or are being deleted are left alone, as the operator does, and so are namespaces that another
     operator serves: it would resize the containers again, and what they had before would be lost.
     """
     try:
-        policies, left = _ours(_policies(api, namespace), occupancy)
+        policies, left = ours(policies_of(api, namespace), occupancy)
         pods = [view(pod) for pod in api.pods(namespace)]
     except ActuationError as error:
         yield Unread(namespace, error)
@@ -117,14 +125,14 @@ def restore(
     vetting = Vetting(signatures, api)
     for pod in alive.values():
         vetting.observe(pod)
-    vetted = [(policy, vetting.vet(policy, None)) for policy in policies]
+    vetted = list(_vetted(vetting, policies))
     parts = [part for policy, found in vetted for part in _parts(policy, found, alive)]
     gone: set[str] = set()
     for part in sorted(parts, key=lambda part: part.rise):
         # Another release may have taken the namespace meanwhile: a restore may take minutes.
         holder = _holder(occupancy, part.pod.namespace)
         if isinstance(holder, ActuationError):
-            yield Restored(f"{part.pod.namespace}/{part.pod.name}", part.policy, error=_text(holder))
+            yield Restored(f"{part.pod.namespace}/{part.pod.name}", part.policy, error=text_of(holder))
         elif not holder:
             yield from _restore_part(api, part, dry_run=dry_run)
         elif part.pod.namespace not in gone:
@@ -133,30 +141,43 @@ def restore(
     yield from (unread for policy, found in vetted for unread in _unreadable(policy, found))
 
 
-def release(
-    api: RestoreApi, namespace: str | None, occupancy: Occupancy, held: Collection[str], *, dry_run: bool
-) -> Iterator[Released]:
-    """Remove the finalizer of every policy of a namespace that no other operator serves.
+def settle(api: RestoreApi, namespaces: Iterable[str | None], occupancy: Occupancy) -> None:
+    """Wait for the Leases of all of them (None: of the cluster) at once; those that can't be read fail later."""
+    found: set[str] = set()
+    for namespace in namespaces:
+        with suppress(ActuationError):
+            found |= {policy["metadata"]["namespace"] for policy in policies_of(api, namespace)}
+    occupancy.settle(found)
 
-    Those in `held` keep it: they have containers that are not restored yet.
+
+def _vetted(vetting: Vetting, policies: Sequence[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], Vetted]]:
+    """Each policy with its originals, those included that somebody has removed from its status.
+
+    Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored.
     """
+    held = {
+        (uid, name) for body in policies for uid, pod in vetting.proven(body).items() for name in pod.containers
+    }
+    for body in policies:
+        lacks = FINALIZER in _finalizers(body) and vetting.resized(body["metadata"]["namespace"]) - held
+        found = vetting.vet(body, _parsed(body) if lacks else None, held)
+        held |= {(uid, name) for uid, pod in found.stored.pods.items() for name in pod.containers}
+        held |= {(doubt.uid, doubt.name) for doubt in found.doubts}
+        yield body, found
+
+
+def _parsed(body: Mapping[str, Any]) -> Policy | None:
     try:
-        policies, _ = _ours(_policies(api, namespace), occupancy)
-    except ActuationError as error:
-        yield Released(namespace or "all namespaces", _text(error))
-        return
-    for policy in policies:
-        metadata = policy["metadata"]
-        if FINALIZER not in metadata.get("finalizers", ()):
-            continue
-        reference = _reference(policy)
-        if reference in held:
-            yield Released(reference, "not all of its containers are restored")
-        else:
-            yield Released(reference, "" if dry_run else _take_off(api, metadata))
+        return parse(body)
+    except FindingsError:
+        return None
 
 
-def _policies(api: RestoreApi, namespace: str | None) -> list[dict[str, Any]]:
+def _finalizers(body: Mapping[str, Any]) -> Sequence[str]:
+    return body["metadata"].get("finalizers") or ()
+
+
+def policies_of(api: RestoreApi, namespace: str | None) -> list[dict[str, Any]]:
     """None if their definition is gone: what they had stored went with it."""
     try:
         return api.policies(namespace)
@@ -166,7 +187,7 @@ def _policies(api: RestoreApi, namespace: str | None) -> list[dict[str, Any]]:
         raise
 
 
-def _ours(
+def ours(
     policies: Sequence[Mapping[str, Any]], occupancy: Occupancy
 ) -> tuple[list[Mapping[str, Any]], list[LeftAlone]]:
     """The policies in namespaces that no other operator serves, and the other namespaces."""
@@ -186,7 +207,7 @@ def _holder(occupancy: Occupancy, namespace: str) -> str | ActuationError:
 
 def _parts(policy: Mapping[str, Any], vetted: Vetted, pods: Mapping[str, PodView]) -> Iterator[_Part]:
     """What is to be restored; nothing in pods that the status names without need."""
-    reference, true = _reference(policy), vetted.stored.pods
+    reference, true = reference_of(policy), vetted.stored.pods
     readable = dict(read(reference, raw_of(policy)))
     unknown = {(doubt.uid, doubt.name): doubt.text for doubt in vetted.doubts if not doubt.settled}
     for uid in sorted(readable.keys() | true.keys()):
@@ -194,11 +215,12 @@ def _parts(policy: Mapping[str, Any], vetted: Vetted, pods: Mapping[str, PodView
         if pod is not None and pod.namespace == policy["metadata"]["namespace"]:
             kept = {name: cpu for name, cpu in containers.items() if name in pod.by_name}
             kept |= {name: pod.by_name[name].spec for of, name in unknown if of == uid}
-            yield _Part(reference, pod, kept, {name: unknown[uid, name] for name in kept if (uid, name) in unknown})
+            doubts = {name: unknown[uid, name] for name in kept if (uid, name) in unknown}
+            yield _Part(reference, pod, kept, doubts, held=FINALIZER in _finalizers(policy))
 
 
 def _unreadable(policy: Mapping[str, Any], vetted: Vetted) -> Iterator[Restored]:
-    reference, stored = _reference(policy), raw_of(policy)
+    reference, stored = reference_of(policy), raw_of(policy)
     for uid in stored.keys() - dict(read(reference, stored)).keys() - vetted.stored.pods.keys():
         yield Restored(f"pod {uid}", reference, error=f"status.originals.{uid} of {reference} can't be read")
 
@@ -210,35 +232,34 @@ def _restore_part(api: RestoreApi, part: _Part, *, dry_run: bool) -> Iterator[Re
     error = None
     if not dry_run:
         error = send(api, pod, Patch(part.policy, changed, restore=True)).error if changed else None
-        error = error or (None if part.unknown else _forget(api, part))
-    message = "" if error is None else _text(error)
+        error = error or (None if part.unknown or part.lasting else forget(api, part.policy, [pod.uid]))
+    message = "" if error is None else text_of(error)
     for name, cpu in sorted(part.originals.items()):
         yield Restored(container_id(pod, name), part.policy, specs.get(name), cpu, part.unknown.get(name, message))
 
 
-def _forget(api: RestoreApi, part: _Part) -> ActuationError | None:
-    namespace, _, name = part.policy.partition("/")
+def _still_ours(container: ContainerView, original: Cpu) -> bool:
+    """Whether putting back its CPU leaves a value as it is that an operator has written."""
+    by, spec = container.writers, container.spec
+    return (by.request == FIELD_MANAGER and spec.request == original.request) or (
+        by.limit == FIELD_MANAGER and spec.limit == original.limit
+    )
+
+
+def forget(api: RestoreApi, policy: str, uids: Iterable[str]) -> ActuationError | None:
+    """Remove entries of a policy's status; returns why that failed."""
+    namespace, _, name = policy.partition("/")
     try:
-        api.write_originals(namespace, name, {part.pod.uid: None})
+        api.write_originals(namespace, name, dict.fromkeys(uids))
     except ActuationError as error:
         return error
     return None
 
 
-def _take_off(api: RestoreApi, metadata: Mapping[str, Any]) -> str:
-    """Remove the finalizer; returns why that failed, or an empty string."""
-    rest = [finalizer for finalizer in metadata["finalizers"] if finalizer != FINALIZER]
-    try:
-        api.set_finalizers(metadata["namespace"], metadata["name"], rest, metadata["resourceVersion"])
-    except ActuationError as error:
-        return _text(error)
-    return ""
-
-
-def _reference(policy: Mapping[str, Any]) -> str:
+def reference_of(policy: Mapping[str, Any]) -> str:
     return f"{policy['metadata']['namespace']}/{policy['metadata']['name']}"
 
 
-def _text(error: ActuationError) -> str:
+def text_of(error: ActuationError) -> str:
     """Empty when the object is gone: then nothing is left to restore."""
     return "" if error.reason == "NotFound" else f"{error.reason}: {error}"

@@ -20,7 +20,7 @@ from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import API, PLURAL
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures, StoredOriginals
     from contextpolicy.cluster.pods import ContainerView, PodView
@@ -79,16 +79,31 @@ class Vetting:
         """A pod is gone."""
         self._resized.pop(uid, None)
 
-    def vet(self, body: Mapping[str, Any], policy: Policy | None) -> Vetted:
-        """The originals of a ContextPolicy object; `policy` is its spec, None if that is invalid."""
+    def resized(self, namespace: str) -> set[tuple[str, str]]:
+        """By pod UID and name, the containers of a namespace with CPU that an operator has set and not put back."""
+        pods = self._pods(namespace)
+        return {(pod.uid, container.name) for pod in pods for container in pod.containers if _resized(container)}
+
+    def proven(self, body: Mapping[str, Any]) -> dict[str, StoredPod]:
+        """By pod UID, the entries in the status of a ContextPolicy object that the operator wrote."""
+        reference = f"{body['metadata']['namespace']}/{body['metadata']['name']}"
+        every = read(reference, raw_of(body))
+        return {uid: entry for uid, entry in every if self._signatures.prove(reference, uid, entry)}
+
+    def vet(
+        self, body: Mapping[str, Any], policy: Policy | None, held: Collection[tuple[str, str]] | None = None
+    ) -> Vetted:
+        """The originals of a ContextPolicy object; `policy` is its spec, None if that is invalid.
+
+        `held` are the containers whose originals policies of its namespace have; None means that they are to be read.
+        """
         metadata = body["metadata"]
         namespace, reference = metadata["namespace"], f"{metadata['namespace']}/{metadata['name']}"
-        every = dict(read(reference, raw_of(body)))
-        true = {uid: entry for uid, entry in every.items() if self._signatures.prove(reference, uid, entry)}
-        pods = [pod for pod in list(self._resized.values()) if pod.namespace == namespace]
+        every, true = dict(read(reference, raw_of(body))), self.proven(body)
+        pods = self._pods(namespace)
+        lost = self._lost(reference, policy, pods, true, held)
         suspects = {
-            (pod.name, name, pod.uid): pod
-            for pod, name in (*self._unproven(pods, raw_of(body), true), *self._lost(reference, policy, pods, true))
+            (pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)
         }
         doubts: list[Doubt] = []
         unproven: dict[str, str] = {}
@@ -110,6 +125,9 @@ class Vetting:
         reported = tuple(doubt for doubt in doubts if not (doubt.settled and doubt.uid in unproven))
         return Vetted(replace(stored_in(body), pods=known, unproven=unproven), reported)
 
+    def _pods(self, namespace: str) -> list[PodView]:
+        return [pod for pod in list(self._resized.values()) if pod.namespace == namespace]
+
     def _unproven(
         self, pods: list[PodView], raw: Mapping[str, Any], true: Mapping[str, StoredPod]
     ) -> Iterator[tuple[PodView, str]]:
@@ -119,7 +137,12 @@ class Vetting:
                 yield from ((pod, container.name) for container in pod.containers if _resized(container))
 
     def _lost(
-        self, reference: str, policy: Policy | None, pods: list[PodView], true: Mapping[str, StoredPod]
+        self,
+        reference: str,
+        policy: Policy | None,
+        pods: list[PodView],
+        true: Mapping[str, StoredPod],
+        held: Collection[tuple[str, str]] | None,
     ) -> list[tuple[PodView, str]]:
         """The resized containers that the policy selects, and about which no policy's status says anything."""
         if policy is None or not policy.mode.acts or policy.shadow is not None:
@@ -129,8 +152,9 @@ class Vetting:
             for _, pod, container in matches(policy, pods)
             if _resized(container) and not (pod.uid in true and container.name in true[pod.uid].containers)
         ]
-        others = self._others(reference, policy.namespace) if lost else set()
-        return [(pod, name) for pod, name in lost if (pod.uid, name) not in others]
+        if held is None:
+            held = self._others(reference, policy.namespace) if lost else ()
+        return [(pod, name) for pod, name in lost if (pod.uid, name) not in held]
 
     def _others(self, reference: str, namespace: str) -> set[tuple[str, str]]:
         """By pod UID and name, the containers whose originals are in other policies' statuses."""
@@ -138,16 +162,12 @@ class Vetting:
             items = self._api.read(f"{API}/namespaces/{namespace}/{PLURAL}")["items"]
         except ActuationError:
             return set()
-        found = set()
-        for body in items:
-            other = f"{namespace}/{body['metadata']['name']}"
-            for uid, entry in read(other, raw_of(body)) if other != reference else ():
-                if self._signatures.prove(other, uid, entry):
-                    found |= {(uid, name) for name in entry.containers}
-        return found
+        others = [body for body in items if f"{namespace}/{body['metadata']['name']}" != reference]
+        return {(uid, name) for body in others for uid, pod in self.proven(body).items() for name in pod.containers}
 
 
 def _resized(container: ContainerView) -> bool:
+    """Whether an operator has set its CPU, and not put it back."""
     return FIELD_MANAGER in (container.writers.request, container.writers.limit)
 
 
