@@ -73,8 +73,8 @@ def _let_go(api: RestoreApi, policy: Mapping[str, Any], signatures: EntrySignatu
     except ActuationError as error:
         return text_of(error)
     signed = _signed(policy, signatures)
-    error = forget(api, reference_of(policy), signed) if signed else None
-    return "" if error is None else text_of(error)
+    failure = forget(api, reference_of(policy), signed) if signed else None
+    return "" if failure is None else text_of(failure)
 
 
 def _signed(policy: Mapping[str, Any], signatures: EntrySignatures) -> list[str]:

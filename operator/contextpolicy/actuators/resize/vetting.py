@@ -87,8 +87,7 @@ class Vetting:
     def proven(self, body: Mapping[str, Any]) -> dict[str, StoredPod]:
         """By pod UID, the entries in the status of a ContextPolicy object that the operator wrote."""
         reference = f"{body['metadata']['namespace']}/{body['metadata']['name']}"
-        every = read(reference, raw_of(body))
-        return {uid: entry for uid, entry in every if self._signatures.prove(reference, uid, entry)}
+        return self._true(reference, dict(read(reference, raw_of(body))))
 
     def vet(
         self, body: Mapping[str, Any], policy: Policy | None, held: Collection[tuple[str, str]] | None = None
@@ -99,8 +98,8 @@ class Vetting:
         """
         metadata = body["metadata"]
         namespace, reference = metadata["namespace"], f"{metadata['namespace']}/{metadata['name']}"
-        every, true = dict(read(reference, raw_of(body))), self.proven(body)
-        pods = self._pods(namespace)
+        every, pods = dict(read(reference, raw_of(body))), self._pods(namespace)
+        true = self._true(reference, every)
         lost = self._lost(reference, policy, pods, true, held)
         suspects = {
             (pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)
@@ -124,6 +123,9 @@ class Vetting:
         known = {uid: entry for uid, entry in true.items() if uid not in unproven}
         reported = tuple(doubt for doubt in doubts if not (doubt.settled and doubt.uid in unproven))
         return Vetted(replace(stored_in(body), pods=known, unproven=unproven), reported)
+
+    def _true(self, reference: str, every: Mapping[str, StoredPod]) -> dict[str, StoredPod]:
+        return {uid: entry for uid, entry in every.items() if self._signatures.prove(reference, uid, entry)}
 
     def _pods(self, namespace: str) -> list[PodView]:
         return [pod for pod in list(self._resized.values()) if pod.namespace == namespace]
