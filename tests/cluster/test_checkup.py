@@ -8,6 +8,7 @@ import pytest
 
 from contextpolicy.cluster.checkup import checkup
 from contextpolicy.cluster.cluster_facts import ClusterFacts, Verdict
+from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.serving import Service
 from tests.cluster.builders import a_pod
 from tests.planning.builders import a_body, a_task
@@ -119,8 +120,8 @@ def test_a_task_that_its_liveness_probe_may_kill_is_named():
     policy = {**a_policy(), **a_body(tasks=[a_task("slam", requires=[{"when": "true"}])])}
     policy["status"] = a_policy()["status"]
     warning = ("task slam of policy lab/robot", "warning")
-    assert found(policies=[policy], pods=[pod]) == {warning}
-    assert found(policies=[policy], pods=[a_pod("slam"), {"metadata": {}}]) == set()
+    assert found(policies=[policy], pods=[view(pod)]) == {warning}
+    assert found(policies=[policy], pods=[view(a_pod("slam"))]) == set()
     assert found(policies=[policy], pods=None) == {("tasks", "unknown")}
 
 

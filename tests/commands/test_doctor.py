@@ -8,9 +8,11 @@ import pytest
 
 from contextpolicy.bus.issuing import authority_files, found_authority
 from contextpolicy.cluster.api import ApiServer, Secret
+from contextpolicy.cluster.paging import Page
 from contextpolicy.cluster.serving import Service
 from contextpolicy.commands.doctor import facts
 from contextpolicy.errors import ActuationError
+from tests.cluster.builders import a_pod
 
 EVERYWHERE = [{"metadata": {"name": "one", "namespace": "lab"}}, {"metadata": {"name": "two", "namespace": "hall"}}]
 
@@ -33,7 +35,12 @@ class FakeApi(ApiServer):
     def read(self, path, *_):
         if path == "/version":
             return {"gitVersion": "v1.36.3"}
-        return {"items": self._operators if "component%3Doperator" in path else []}
+        return {}
+
+    def read_page(self, path, _):
+        if "/namespaces/lab/pods" in path:
+            return Page({"items": [a_pod("slam"), {"metadata": {}}]}, 1)
+        return Page({"items": self._operators if "component%3Doperator" in path else []}, 1)
 
     def service(self, namespace):
         return Service(served=namespace == "lab")
@@ -60,6 +67,12 @@ def test_doctor_reads_policies_of_the_requested_namespaces(namespaces, judged):
 
 def test_doctor_checks_whether_namespaces_are_served():
     assert facts(FakeApi(), [None]).services == {"lab": Service(served=True), "hall": Service(served=False)}
+
+
+def test_pods_that_cannot_be_read_are_left_out():
+    pods = facts(FakeApi(), [None]).pods
+    assert pods is not None
+    assert [pod.name for pod in pods] == ["slam"]
 
 
 def test_policies_that_may_not_be_listed_are_unknown_and_not_missing():

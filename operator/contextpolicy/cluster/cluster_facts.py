@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from contextpolicy.cluster.pods import PodView
     from contextpolicy.cluster.serving import Service
 
 
@@ -37,7 +38,7 @@ class ClusterFacts:
     """Objects as the API has them. None where the caller may not read them: their checks are `unknown`.
 
     `lacking` are the operator's rights that are missing, as `verb resource`; `kubelets` the configuration of each
-    node's kubelet and its metrics as text; `pods` are those of the policies' namespaces; `definition` is the
+    node's kubelet and its metrics as text; `pods` are views of those of the policies' namespaces; `definition` is the
     CustomResourceDefinition; `deployments` are the operators', read where none has a pod; `services` says by namespace
     whether an operator serves its policies. `ends` says by Secret (namespace/name) when the certificate that a part
     mounts ends, None where it can't be read; `now` is the time.
@@ -51,7 +52,7 @@ class ClusterFacts:
     lacking: Sequence[str] | None
     kubelets: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
     serves_policies: bool = True
-    pods: Sequence[Mapping[str, Any]] | None = ()
+    pods: Sequence[PodView] | None = ()
     definition: Mapping[str, Any] | None = None
     deployments: Sequence[Mapping[str, Any]] | None = None
     services: Mapping[str, Service] = field(default_factory=dict)

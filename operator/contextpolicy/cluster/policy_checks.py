@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.cluster.cluster_facts import Check, Verdict, conditions, name_of
 from contextpolicy.cluster.matches import matches
-from contextpolicy.cluster.pods import PodView, view
 from contextpolicy.cluster.serving import Service
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy.liveness_probes import probe_warning
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.cluster.cluster_facts import ClusterFacts
+    from contextpolicy.cluster.pods import PodView
 
 WERE_TRUE = {False: "were True while an operator served it", None: "were True when last written"}
 """What is said of a policy's conditions by whether an operator serves it, where that is not sure."""
@@ -58,23 +58,15 @@ def policies(facts: ClusterFacts) -> Iterator[Check]:
             )
 
 
-def probes(bodies: Iterable[Mapping[str, Any]], pods: Sequence[Mapping[str, Any]] | None) -> Iterator[Check]:
+def probes(bodies: Iterable[Mapping[str, Any]], pods: Sequence[PodView] | None) -> Iterator[Check]:
     """Liveness probes that tasks may fail while they are suspended; what can't be read is reported elsewhere."""
     if pods is None:
         yield Check("tasks", Verdict.UNKNOWN, "their pods can't be listed", "use an account that may list pods")
-    views = list(filter(None, map(_view, pods or ())))
     for body in bodies:
         with suppress(PolicyError):
             policy = parse(body)
-            own = [pod for pod in views if pod.namespace == policy.namespace and not pod.ended]
+            own = [pod for pod in pods or () if pod.namespace == policy.namespace and not pod.ended]
             for task, pod, container in matches(policy, own):
                 warning = probe_warning(policy, task, f"{pod.name}/{container.name}")
                 if container.probed and warning is not None:
                     yield Check(f"task {task.name} of policy {policy.reference}", Verdict.WARNING, *warning)
-
-
-def _view(pod: Mapping[str, Any]) -> PodView | None:
-    try:
-        return view(pod)
-    except ValueError:
-        return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import partial
@@ -17,10 +18,11 @@ from contextpolicy.policy.custom_resource import DEFINITION, GROUP, PLURAL
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from contextpolicy.cluster.api import ApiServer
     from contextpolicy.cluster.cluster_facts import ClusterFacts
+    from contextpolicy.cluster.pods import PodView
 
 T = TypeVar("T")
 
@@ -91,7 +93,7 @@ def facts(api: ApiServer, namespaces: Sequence[str | None]) -> ClusterFacts:
     routers = _allowed(lambda: _pods(api, ROUTER))
     definition = _allowed(lambda: api.read(DEFINITION_PATH))
     used = sorted({policy["metadata"]["namespace"] for policy in policies or ()})
-    pods = _allowed(lambda: [pod for namespace in used for pod in _of(api, namespace)])
+    pods = _allowed(lambda: [pod for namespace in used for pod in _views(api, namespace)])
     return ClusterFacts(
         version,
         policies,
@@ -149,8 +151,13 @@ def _deployments(api: ApiServer) -> list[dict[str, Any]]:
     return api.items(f"/apis/apps/v1/deployments?labelSelector={quote(OPERATOR)}")
 
 
-def _of(api: ApiServer, namespace: str) -> list[dict[str, Any]]:
-    return api.items(f"/api/v1/namespaces/{quote(namespace)}/pods")
+def _views(api: ApiServer, namespace: str) -> Iterator[PodView]:
+    """The pods of a namespace that can be read; together they may be too large to be kept."""
+    from contextpolicy.cluster.pods import view
+
+    for pod in api.pods(namespace):
+        with suppress(ValueError):
+            yield view(pod)
 
 
 def _kubelet(api: ApiServer, node: str) -> tuple[Mapping[str, Any], str] | None:
