@@ -131,9 +131,7 @@ def _release(  # noqa: PLR0913 - as `release`
     from contextpolicy.actuators.resize.stored_originals import signatures_with
 
     signatures = signatures_with(key)
-    return [
-        one for where in namespaces for one in release(api, where, occupancy, signatures, held, dry_run=dry_run)
-    ]
+    return [one for where in namespaces for one in release(api, where, occupancy, signatures, held, dry_run=dry_run)]
 
 
 def _exit_code(restored: Sequence[Restored], released: Sequence[Released], unread: Sequence[Unread]) -> int:

@@ -40,14 +40,12 @@ def release(  # noqa: PLR0913 - as `restore`, and what came of it
     The policies and namespaces in `held` have containers that are not restored yet.
     """
     try:
-        policies, _ = ours(policies_of(api, namespace), occupancy)
+        policies, _ = ours([one for one in policies_of(api, namespace) if _has_finalizer(one)], occupancy)
     except ActuationError as error:
         yield Released(namespace or "all namespaces", text_of(error))
         return
     for policy in policies:
         reference, where = reference_of(policy), policy["metadata"]["namespace"]
-        if not _has_finalizer(policy):
-            continue
         if reference in held or where in held:
             yield Released(reference, "not all of its containers are restored")
         else:

@@ -155,9 +155,7 @@ def _vetted(vetting: Vetting, policies: Sequence[Mapping[str, Any]]) -> Iterator
 
     Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored.
     """
-    held = {
-        (uid, name) for body in policies for uid, pod in vetting.proven(body).items() for name in pod.containers
-    }
+    held = {(uid, name) for body in policies for uid, pod in vetting.proven(body).items() for name in pod.containers}
     for body in policies:
         lacks = FINALIZER in _finalizers(body) and vetting.resized(body["metadata"]["namespace"]) - held
         found = vetting.vet(body, _parsed(body) if lacks else None, held)

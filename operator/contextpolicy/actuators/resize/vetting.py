@@ -101,9 +101,7 @@ class Vetting:
         every, pods = dict(read(reference, raw_of(body))), self._pods(namespace)
         true = self._true(reference, every)
         lost = self._lost(reference, policy, pods, true, held)
-        suspects = {
-            (pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)
-        }
+        suspects = {(pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)}
         doubts: list[Doubt] = []
         unproven: dict[str, str] = {}
         unsigned = every.keys() - true.keys()
