@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 from contextpolicy.cluster import paging
 from contextpolicy.cluster.paging import items
 from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.watching import ObjectWatch
 from tests.cluster.paged_server import MIB, PagedServer, a_heavy_pod, peak
+
 
 def an_ordinary_pod(index):
     return a_heavy_pod(index, 9000)
@@ -31,7 +34,7 @@ class Views:
 def test_memory_does_not_depend_on_what_pods_weigh():
     """It was 500 pods in one page, half a GiB as bytes alone, in an operator with 384 MiB."""
     views = Views()
-    watch = ObjectWatch(PagedServer(200, a_heavy_pod), "/api/v1/pods", views)
+    watch = ObjectWatch(cast("Any", PagedServer(200, a_heavy_pod)), "/api/v1/pods", views)
     assert peak(watch._list) < 40 * MIB
     assert len(views.found) == 200
 

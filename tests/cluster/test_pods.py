@@ -28,7 +28,7 @@ def test_a_pod_of_the_api():
 def test_what_a_view_keeps_is_bounded():
     """Anyone may create pods with tens of thousands of labels and containers, and all views stay in memory."""
     names = [f"c{index}" for index in range(101)]
-    labels = {name: "" for name in names}
+    labels = dict.fromkeys(names, "")
     pod = granted("7m", a_pod(containers={name: cpu("10m", "20m") for name in names}, labels=labels))
     seen = view(pod)
     assert (seen.labels, seen.containers, seen.reserved) == ({}, (), 707)

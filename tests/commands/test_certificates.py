@@ -131,7 +131,8 @@ def own_and(*others):
 def test_missing_secret_of_a_robot_keeps_no_other_from_being_renewed(capsys):
     cluster, good = renewed_beside(lambda cluster: cluster.secrets.pop(ROBOTS[0]))
     assert (sorted(cluster.written), good) == (own_and(ROBOTS[1]), False)
-    assert "robot/ctxp-bus-sensor: NOT written: no Secret ctxp-bus-sensor; if it exists, delete it" in capsys.readouterr().err
+    written = capsys.readouterr().err
+    assert "robot/ctxp-bus-sensor: NOT written: no Secret ctxp-bus-sensor; if it exists, delete it" in written
 
 
 def test_immutable_secret_of_a_robot_keeps_no_other_from_being_renewed(capsys):

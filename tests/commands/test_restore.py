@@ -570,7 +570,7 @@ def test_heavy_pods_of_others_do_not_exhaust_the_memory(restore: Any) -> None:
     assert restore(server, "--dry-run")[0] == 0
     own = server.pods
     heavy = PagedServer(200, a_heavy_pod)
-    server.pods = lambda where: chain(own(where), items(heavy, "/api/v1/pods"))  # type: ignore[method-assign]
+    server.pods = lambda namespace: chain(own(namespace), items(heavy, "/api/v1/pods"))  # type: ignore[method-assign]
     assert peak(lambda: restore(server)) < 40 * MIB
     assert server.cluster.limit("slam") == 500
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         def delete_secret(self, namespace: str, name: str) -> None:
             """Delete a Secret."""
 
+
 NEEDED = "hold originals that it signed, in namespaces that another release serves"
 
 

@@ -11,7 +11,7 @@ from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import FINALIZER
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from contextpolicy.actuators.resize.offline_restore import RestoreApi
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures

@@ -255,6 +255,7 @@ def forget(api: RestoreApi, policy: str, uids: Iterable[str]) -> ActuationError 
 
 
 def reference_of(policy: Mapping[str, Any]) -> str:
+    """A policy's `namespace/name`."""
     return f"{policy['metadata']['namespace']}/{policy['metadata']['name']}"
 
 
