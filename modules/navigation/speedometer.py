@@ -1,4 +1,4 @@
-"""How fast the robot really is: blocked, disarmed or too slow for an order, it does not move as it was told to."""
+"""How fast the robot really is: blocked, disarmed or too slow for an order, it moves less than ordered."""
 
 from __future__ import annotations
 

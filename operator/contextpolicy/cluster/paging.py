@@ -1,4 +1,4 @@
-"""Read a long list in pages of about the same weight: how large its objects are is up to whoever makes them.
+"""Read a long list in pages of about the same weight: tenants decide how large its objects are.
 
 The bytes of a page, their text and the objects made of it are in memory at once, and take up to 15 times the bytes. All
 pages show one moment, however many objects each has.

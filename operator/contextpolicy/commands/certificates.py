@@ -105,7 +105,7 @@ def _readable(api: ApiServer, places: Iterable[Place]) -> dict[Place, Secret]:
 
 
 def _complain(place: Place, error: Exception) -> None:
-    remedy = "if it exists, delete it; an upgrade makes it anew. Or remove its namespace from security.namespaces"
+    remedy = "if it exists, delete it; an upgrade makes it again. Or remove its namespace from security.namespaces"
     print(f"{place.namespace}/{place.name}: NOT written: {error}; {remedy}", file=sys.stderr)
 
 

@@ -54,7 +54,7 @@ def test_what_was_read_does_not_count_again(odometry):
     assert speedometer.read(1.2) == STILL
 
 
-def test_odometry_of_a_robot_that_stands_has_no_speed_whatever_it_was_told():
+def test_odometry_of_a_robot_that_stands_has_no_speed_whatever_its_order():
     navigation = Navigation("/dev/nowhere")
     navigation._moving = Motion(0.5, 4.0)
     navigation._speedometer.read(0.0)
