@@ -124,10 +124,14 @@ def unexpected(error: Exception) -> ActuationError:
 
 
 class OrderError(ContextPolicyError):
-    """The node agent's refusal to obey: `reason` is a CamelCase word, the label under which refusals are counted."""
+    """The node agent's refusal to obey: `reason` is a CamelCase word, the label under which refusals are counted.
 
-    def __init__(self, reason: str, message: str) -> None:
+    `signed` is when the operator signed the message, in ns since 1970, where only its age speaks against it.
+    """
+
+    def __init__(self, reason: str, message: str, *, signed: int | None = None) -> None:
         self.reason = reason
+        self.signed = signed
         super().__init__(message)
 
 

@@ -25,7 +25,7 @@ class Listening(Admission):
 
 @pytest.fixture
 def admission():
-    return Listening(cpus=2)
+    return Listening(cpus=lambda: 2)
 
 
 def refusal(admission, order):

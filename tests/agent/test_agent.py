@@ -236,6 +236,28 @@ def test_node_without_realtime_reports_why_and_refuses(tmp_path, start):
     assert agent.report()["refused"] == {"Incapable": 1}
 
 
+def test_plan_that_the_node_is_not_capable_of_ends_the_one_before(tmp_path, start):
+    bare = Tree(tmp_path / "bare", realtime=False)
+    group = bare.container(SLAM)
+    agent = start(bare)
+    agent.find_source(POLICY)
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.01, held=True)))
+    said = agent.hear(POLICY, realtime(a_target(SLAM, 1.0), sequence=2))
+    assert (said.failed, bare.limit(group)) == ({f"containerd://{SLAM}": "Incapable"}, 500)
+    bare.set(group, 300)
+    agent.on_other_write(bare.limit_file(group), monotonic())
+    assert bare.limit(group) == 300
+
+
+def test_processors_that_are_switched_on_later_count(tree, agent, slam, monkeypatch):
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.9), capacity=4.0)) is None
+    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.9), capacity=4.0)).failed == {}
+    assert (tree.limit(slam), agent.report()["processors"]) == (900, 4)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.8), capacity=4.0, sequence=2)).failed == {}
+
+
 def test_agent_may_start_before_the_kubelet(tmp_path, start):
     mount = tmp_path / "late"
     (mount / "cpu").mkdir(parents=True)

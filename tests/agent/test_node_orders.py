@@ -99,7 +99,7 @@ def test_a_share_in_cores_comes_back_as_the_same_part_of_the_period(processors, 
     assert sent["tasks"]["slam"]["share"] == part * processors / 1000
     heard = read(msgspec.json.encode(sent), policy.reference, cluster.NODE)
     assert [target.part(processors) for target in heard.targets] == list(parts.values())
-    assert Admission(processors).admit(heard, signed=1) == heard
+    assert Admission(lambda: processors).admit(heard, signed=1) == heard
 
 
 def test_message_without_this_node_has_no_targets():

@@ -62,7 +62,16 @@ def test_signature_by_another_key_is_refused(tmp_path, verifier):
 def test_plans_too_old_or_from_the_future_are_refused(signer, verifier, sign):
     attachment, limit = signer.sign(KEY, PLAN, NOW), int(MAX_AGE * SECOND)
     assert verifier.check(KEY, PLAN, attachment, NOW + sign * limit) == NOW
-    assert refusal(verifier, KEY, PLAN, attachment, NOW + sign * (limit + SECOND)) == "TooOld"
+    with pytest.raises(OrderError) as caught:
+        verifier.check(KEY, PLAN, attachment, NOW + sign * (limit + SECOND))
+    assert (caught.value.reason, caught.value.signed) == ("TooOld", NOW)
+
+
+def test_what_is_not_proven_has_no_time_of_signing(signer, verifier):
+    attachment = signer.sign(KEY, PLAN, NOW)
+    with pytest.raises(OrderError) as caught:
+        verifier.check(OTHER, PLAN, attachment, NOW + 1000 * SECOND)
+    assert (caught.value.reason, caught.value.signed) == ("Forged", None)
 
 
 def test_a_new_key_is_taken_up_without_a_restart(keys, signer, verifier):

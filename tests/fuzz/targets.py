@@ -297,7 +297,7 @@ def report(payload: bytes) -> None:
 
 def order(payload: bytes) -> None:
     """Anything as a plan for an agent: an order within what a node can have that it admits or refuses, or refused."""
-    agent = Admission(cpus=2)
+    agent = Admission(cpus=lambda: 2)
     for signed in (1, 2):
         with suppress(OrderError):
             found = agent.admit(node_orders.read(payload, OBEYED, NODE), signed)

@@ -123,7 +123,7 @@ class AgentAtWork:
         self._robot, self._seen, self._signed = robot, 0, 10**9
         self.refused: list[str] = []
         self.watch = AgentWatch(robot.session, robot.loop, self, {NODE})
-        self._admission = Admission(8)
+        self._admission = Admission(lambda: 8)
         robot.agents, robot.session.confirming = self.watch, False
 
     def on_agents(self):

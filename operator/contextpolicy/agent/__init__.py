@@ -22,7 +22,8 @@ a container whose original is unknown, gets `theirs`. Files that hold neither `o
 That happens when a plan no longer names the container, when the policy leaves Enforce or is deleted, and when the
 policy's plans have had no source for the grace period: nothing else would restore it then. At
 SIGTERM everything gets `theirs` while the policy's source lives: what the API has is its plan, and the next agent, or
-the operator without one, goes on from there.
+the operator without one, goes on from there. The same when a newer plan of the operator is refused: it resizes instead,
+and what was written for the plan before would only be defended against that.
 
 The ledger is saved before the first write, so a restarted agent, or the supervisor of one that is not, knows all this:
 files then wait for the policy's plan, which says what the API has by now, and are undone after the grace period if none

@@ -16,6 +16,8 @@ from contextpolicy.planning.allocation.seating import REALTIME_BUDGET
 from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
     from contextpolicy.cluster.agent_reports import Stamp
 
@@ -31,7 +33,8 @@ class Admission:
     Plans of one source are ordered by their stamp (run, sequence, edition), everything else by the time of signing.
     """
 
-    def __init__(self, cpus: int) -> None:
+    def __init__(self, cpus: Callable[[], int]) -> None:
+        """`cpus` says how many processors the node has: some may be switched on later."""
         self._cpus = cpus
         self._stamps: dict[str, Stamp] = {}
         self._signed: dict[str, int] = {}
@@ -65,6 +68,18 @@ class Admission:
         self._signed[order.policy] = signed
         self._admitted[order.policy], self._desired[order.policy] = order, desired
         return order
+
+    def is_overtaken(self, policy: str, stamp: Stamp | None, signed: int) -> bool:
+        """Whether a message of the operator that was refused is newer than the policy's last admitted order.
+
+        That order is not what the operator wants any more. Without a stamp the message could not be read, or was a
+        withdrawal.
+        """
+        if policy not in self._admitted:
+            return False
+        if stamp is None or self._is_another_source(policy, stamp):
+            return signed > self._signed.get(policy, 0)
+        return stamp > self._stamps[policy]
 
     def stamp(self, policy: str) -> Stamp | None:
         """That of the policy's last admitted order."""
@@ -114,12 +129,16 @@ class Admission:
 
     def _is_news(self, order: NodeOrder, signed: int) -> bool:
         last = self._stamps.get(order.policy)
-        another_source = order.policy in self._sourceless and last is not None and order.stamp[0] != last[0]
+        another_source = self._is_another_source(order.policy, order.stamp)
         if last is not None and order.stamp < last and not another_source:
             raise OrderError("Outdated", f"{order.policy}: {order.stamp} came after {last}")
         if last is None or another_source:
             self._check_time(order.policy, signed)
         return order.stamp != last
+
+    def _is_another_source(self, policy: str, stamp: Stamp) -> bool:
+        last = self._stamps.get(policy)
+        return policy in self._sourceless and last is not None and stamp[0] != last[0]
 
     def _check_time(self, policy: str, signed: int, most: float = REPEATABLE) -> None:
         later = self._signed.get(policy, 0) - signed
@@ -128,13 +147,14 @@ class Admission:
 
     def _check_parts(self, order: NodeOrder) -> None:
         """A realtime share is an integer of thousandths of the period, the same on each processor."""
+        cpus = self._cpus()
         for target in order.targets if order.scheduler is Scheduler.REALTIME else ():
-            if target.share % self._cpus:
-                raise OrderError("Unreadable", f"{order.policy}: {target.share}m is uneven on {self._cpus} processors")
+            if target.share % cpus:
+                raise OrderError("Unreadable", f"{order.policy}: {target.share}m is uneven on {cpus} processors")
 
     def _check_amounts(self, order: NodeOrder) -> None:
         realtime = order.scheduler is Scheduler.REALTIME
-        most = self._cpus * (REALTIME_BUDGET if realtime else 1000)
+        most = self._cpus() * (REALTIME_BUDGET if realtime else 1000)
         there_is = most - self._promised(order.policy) if realtime else most
         asked = sum(target.share for target in order.targets)
         if order.targets and order.capacity > most:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from reactivex import Subject
@@ -51,8 +52,8 @@ class Agent:
         """`watch_for` makes the watch that reports to us."""
         self._settings, self._scheduler, self._watch = settings, scheduler, watch_for(self)
         self._refusals = Refusals()
-        self._cpus = os.cpu_count() or 1
-        self._admission = Admission(self._cpus)
+        self._most_processors = 1
+        self._admission = Admission(self._processors)
         self._targets = TargetGroups(PodNamespaces(settings.logs), self._refusals)
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces = KeyedTimers(scheduler)
@@ -92,6 +93,7 @@ class Agent:
 
         `signed` is the time of signing in nanoseconds since 1970. Returns what became of a plan that was obeyed.
         """
+        heard = None
         try:
             if payload is None:
                 self._admission.withdraw(policy, signed)
@@ -101,6 +103,7 @@ class Agent:
             order = self._admission.admit(heard, signed)
         except OrderError as error:
             self.refuse(error)
+            self._give_way(policy, heard, signed)
             return None
         if order is None or order.mode.acts:
             self._hold(policy)
@@ -114,6 +117,16 @@ class Agent:
     def refuse(self, error: OrderError) -> None:
         """Count and log a message that must not be obeyed."""
         self._refusals.note(error.reason, str(error))
+
+    def miss(self, policy: str, payload: bytes | None, signed: int) -> None:
+        """The operator has signed this, but too long ago by our clock: it is not obeyed, and may end the plan before.
+
+        Such a message was refused already.
+        """
+        heard = None
+        with suppress(OrderError):
+            heard = orders.read(payload, policy, self._settings.node) if payload is not None else None
+        self._give_way(policy, heard, signed)
 
     def find_source(self, policy: str) -> None:
         """A source of plans for the policy is alive: a plan that we carry out holds, whenever it says it once more.
@@ -162,7 +175,7 @@ class Agent:
             "node": self._settings.node,
             "cgroup": layout.version if layout else None,
             "driver": layout.driver if layout else None,
-            "processors": self._cpus,
+            "processors": self._processors(),
             "quotaPeriod": capabilities.quota_period(layout),
             "missing": self._missing,
             "unlimited": self._unlimited,
@@ -176,6 +189,11 @@ class Agent:
         followed = [(t.container_id, group) for groups in self._followed.values() for group, t in groups.items()]
         return usage(self._writers.layout, followed, time.monotonic())
 
+    def _processors(self) -> int:
+        """Those that are switched on, or more if there were: what is switched off may come back."""
+        self._most_processors = max(self._most_processors, os.cpu_count() or 1)
+        return self._most_processors
+
     def _equip(self) -> CgroupWriters | None:
         """Find the pods' cgroups unless that is done; retried with each order, as the kubelet may start after us."""
         if self._writers is None:
@@ -184,7 +202,7 @@ class Agent:
             self._missing, self._unlimited = capabilities.missing(facts), capabilities.unlimited(facts)
             if layout is not None:
                 settings = self._settings
-                self._writers = CgroupWriters(layout, self._ledger, self._watch, settings.priority, self._cpus)
+                self._writers = CgroupWriters(layout, self._ledger, self._watch, settings.priority, self._processors)
         return self._writers
 
     def _obey(self, order: NodeOrder, *, again: bool = False) -> dict[str, str]:
@@ -195,7 +213,7 @@ class Agent:
         writers = self._equip()
         lacks = self._missing.get(order.scheduler) if order.targets else None
         if writers is None or lacks:
-            self._end_drains(order.policy)
+            self._undo(order.policy, leave_agreed=order.policy in self._sources)
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
             return {target.container_id: "Incapable" for target in order.targets if target.container_id}
         groups, refused = self._targets.find(writers, order)
@@ -246,12 +264,24 @@ class Agent:
         self._orders.pop(policy, None)
         self._drains.forget(policy)
 
+    def _give_way(self, policy: str, refused: NodeOrder | None, signed: int) -> None:
+        """The operator wants something newer, which was refused: leave the policy to its resizes, as at our end.
+
+        What we wrote for the plan before would only be defended against them.
+        """
+        if self._admission.is_overtaken(policy, refused and refused.stamp, signed):
+            log.warning("%s: a newer plan was refused; undoing the one before", policy)
+            self._release(policy, leave_agreed=policy in self._sources)
+
     def _release(self, policy: str, *, leave_agreed: bool = False) -> None:
-        """Undo everything for the policy; `leave_agreed`: but for what the API has as well."""
+        """The policy has no plan any more: undo everything for it, but for what the API has if `leave_agreed`."""
         self._graces.end(policy)
+        self._admission.drop(policy)
+        self._undo(policy, leave_agreed=leave_agreed)
+
+    def _undo(self, policy: str, *, leave_agreed: bool) -> None:
         self._end_drains(policy)
         self._followed.pop(policy, None)
-        self._admission.drop(policy)
         if self._writers is not None:
             self._follow_up(policy, self._writers.release(policy, leave_agreed=leave_agreed))
 

@@ -49,7 +49,10 @@ class PlanListener(Protocol):
         """
 
     def refuse(self, error: OrderError) -> None:
-        """A message without a valid signature of the operator."""
+        """A message that does not count: its signature is not valid, was heard before, or is too old."""
+
+    def miss(self, policy: str, payload: bytes | None, signed: int) -> None:
+        """Likewise a plan or its withdrawal that the operator has signed, but too long ago by this node's clock."""
 
     def find_source(self, policy: str) -> None:
         """The policy has a source of plans."""
@@ -73,6 +76,8 @@ class AgentBus:
         self._session, self._scheduler, self._listener = session, scheduler, listener
         self._verifier, self._repetitions = verifier, Repetitions()
         self._waiting: dict[str, tuple[bytes | None, int]] = {}
+        self._too_old: dict[str, tuple[bytes | None, int]] = {}
+        """The last message of each policy that was too old, while it waits for the loop: they may come as a flood."""
         self._questions = Retries(scheduler, self)
         """Policies whose source has yet to say its plan."""
         self._lock = Lock()
@@ -132,8 +137,22 @@ class AgentBus:
         except OrderError as error:
             refusal = error  # Python unbinds `error` when the except clause ends
             self._later(lambda: self._listener.refuse(refusal))
+            if error.signed is not None:
+                self._put_too_old(policy_of(key), payload, error.signed)
             return
         self._put(policy_of(key), payload, signed)
+
+    def _put_too_old(self, policy: str, payload: bytes | None, signed: int) -> None:
+        with self._lock:
+            waits = policy in self._too_old
+            self._too_old[policy] = payload, signed
+        if not waits:
+            self._later(lambda: self._miss(policy))
+
+    def _miss(self, policy: str) -> None:
+        with self._lock:
+            payload, signed = self._too_old.pop(policy)
+        self._listener.miss(policy, payload, signed)
 
     def _put(self, policy: str, payload: bytes | None, signed: int) -> None:
         with self._lock:

@@ -13,7 +13,7 @@ from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from pathlib import Path
 
     from contextpolicy.agent.cgroup_paths import CgroupPaths
@@ -29,7 +29,9 @@ _MOST_GROUPS = 1000
 class CgroupWriters:
     """One node's writers. Nothing is raised: each method returns the groups where it failed."""
 
-    def __init__(self, layout: CgroupPaths, ledger: Ledger, watch: FileWatch, priority: int, processors: int) -> None:
+    def __init__(
+        self, layout: CgroupPaths, ledger: Ledger, watch: FileWatch, priority: int, processors: Callable[[], int]
+    ) -> None:
         self.layout, self._processors = layout, processors
         self._limits = Limits(ControlFiles(CFS[layout.version], watch), ledger)
         self._weights = Weights(layout.version, watch, ledger)
@@ -92,7 +94,8 @@ class CgroupWriters:
         resting = {group: target.quota or QUANTUM for group, target in groups.items() if target.suspended}
         failures = self._limits.apply(order.policy, resting, resting, _originals(groups), again=again)
         failures |= self._weights.release(order.policy)
-        parts = {group: target.part(self._processors) for group, target in groups.items()}
+        processors = self._processors()
+        parts = {group: target.part(processors) for group, target in groups.items()}
         return self._realtime.apply(order.policy, parts, order.manner, resting) | failures
 
 

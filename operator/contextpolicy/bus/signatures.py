@@ -127,7 +127,9 @@ class Verifier:
         age = (now - signed) / 1e9
         if abs(age) > MAX_AGE:
             raise OrderError(
-                "TooOld", f"{key}: signed {age:.1f} s ago by this node's clock; expected at most {MAX_AGE:g} s"
+                "TooOld",
+                f"{key}: signed {age:.1f} s ago by this node's clock; expected at most {MAX_AGE:g} s",
+                signed=int(signed),
             )
         return int(signed)
 

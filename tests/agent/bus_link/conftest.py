@@ -73,9 +73,9 @@ def verifier(keys):
 
 @pytest.fixture(scope="module")
 def sign(keys):
-    """Sign as the operator does."""
+    """Sign as the operator does, so many seconds ago."""
     signer = Signer(keys)
-    return lambda payload, key=KEY: signer.sign(key, payload, time.time_ns())
+    return lambda payload, key=KEY, ago=0: signer.sign(key, payload, time.time_ns() - ago * 10**9)
 
 
 @pytest.fixture

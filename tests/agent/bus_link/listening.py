@@ -32,6 +32,9 @@ class Listener:
     def refuse(self, error):
         self._note(error.reason)
 
+    def miss(self, policy, payload, signed):  # noqa: ARG002
+        self._note((policy, "missed", payload))
+
     def find_source(self, policy):
         self._note((policy, "found"))
 

@@ -99,6 +99,15 @@ def test_newest_signed_of_waiting_plans_wins(bus, scheduler, listener):
     listener.expect((POLICY, b"newer"))
 
 
+def test_flood_of_old_plans_leaves_one_of_each_policy_waiting(bus, scheduler, listener):
+    go = threading.Event()
+    scheduler.schedule(lambda *_: go.wait(PATIENCE))
+    for payload in (b"old", b"as old", b"older"):
+        bus._put_too_old(POLICY, payload, 1)
+    go.set()
+    listener.expect((POLICY, "missed", b"older"))
+
+
 def test_replayed_plans_are_refused_while_newer_ones_wait(bus, operator, scheduler, listener, sign):
     """All arrive before the loop has time for one: only the newest is carried out, and none is lost unseen."""
     go = threading.Event()

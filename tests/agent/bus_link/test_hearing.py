@@ -65,6 +65,13 @@ def test_forged_plans_are_refused_and_do_not_mask_a_genuine_one(bus, operator, l
     listener.expect("Unsigned", "Forged", "Forged", "Forged", "Unsigned", (POLICY, b"plan"))
 
 
+def test_too_old_a_plan_is_refused_and_reported_missed(bus, operator, listener, sign):  # noqa: ARG001
+    operator.put(KEY, b"old", attachment=sign(b"old", ago=60))
+    listener.expect("TooOld", (POLICY, "missed", b"old"))
+    operator.put(KEY, b"forged", attachment=sign(b"old", ago=60))
+    listener.expect("TooOld", (POLICY, "missed", b"old"), "Forged")
+
+
 def test_oversized_plan_is_ignored(bus, operator, listener, sign):  # noqa: ARG001
     operator.put(KEY, b"x" * (LARGEST_PLAN + 1))
     operator.put(KEY, b"plan", attachment=sign(b"plan"))

@@ -39,6 +39,15 @@ class Node:
         suspended = tuple(task for task, (weight, _) in (("slam", slam), ("speech", speech)) if weight == 0)
         return self.agent.hear(POLICY, a_message(*targets, sequence=self._sequence, suspended=suspended))
 
+    def next_message(self, **more):
+        """A newer plan."""
+        self._sequence += 1
+        return self.message(self._sequence, **more)
+
+    def message(self, sequence, **more):
+        """A plan for slam alone."""
+        return a_message(a_target(SLAM, 0.5, weight=0.5), sequence=sequence, **more)
+
     def repeat(self, *plan, **more):
         """The operator says the same again."""
         self._sequence -= 1
