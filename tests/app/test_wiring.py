@@ -9,6 +9,7 @@ from prometheus_client import REGISTRY
 
 from contextpolicy.actuators.following import SETTLED
 from contextpolicy.bus.agent_watch import BOUND
+from contextpolicy.bus.doubts import FIRST
 from contextpolicy.cluster.agent_reports import NO_AGENT
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from contextpolicy.telemetry.status import NO_ROUTER
@@ -107,6 +108,32 @@ def test_resizes_wait_only_for_an_agent_that_confirms(operator, confirming):
     operator.sample(IMU, speed=0.0)
     operator.turn(SETTLED / 2)
     assert (operator.patches.jobs == []) is confirming
+
+
+def requests(operator):
+    containers = [container for pod in operator.cluster.pods.values() for container in pod["spec"]["containers"]]
+    return {container["name"]: container["resources"]["requests"]["cpu"] for container in containers}
+
+
+def test_requests_stay_weights_until_the_agent_confirms_a_plan(operator):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.session.confirming = False
+    operator.govern(a_policy(enforcement={"control": "Weight"}, contexts=[]))
+    operator.turn(BOUND)
+    operator.settle()
+    resized = requests(operator)
+    assert resized != {"slam": "10m", "speech": "10m"}
+    published = len(operator.session.plans())
+    operator.turn(FIRST)
+    operator.turn(BOUND)
+    operator.settle()
+    assert requests(operator) == resized
+    [again] = operator.session.plans()[published:]
+    assert again["edition"] > operator.session.plans()[published - 1]["edition"], "an agent takes no message twice"
+    operator.session.confirming = True
+    operator.turn(2 * FIRST)
+    operator.settle()
+    assert requests(operator) == {"slam": "10m", "speech": "10m"}
 
 
 def test_a_weight_that_an_agent_cannot_write_is_not_applied(operator):

@@ -9,6 +9,7 @@ import pytest
 from reactivex.testing import TestScheduler
 
 from contextpolicy.bus.agent_watch import BOUND, LONG_PATIENCE, PAUSE, RETURN, AgentWatch
+from contextpolicy.bus.doubts import FIRST, LONGEST
 from contextpolicy.cluster.agent_reports import NO_ANSWER, NOT_CONFIRMING, AgentReport, Confirmation, write_confirmation
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE
@@ -33,6 +34,10 @@ class Bus:
         self.changes: list[dict[str, AgentReport]] = []
         self.session.agents |= agents
         self.confirmations: list[tuple[str, Confirmation]] = []
+        self.published: dict[str, tuple[int, int, int]] = {}
+        """The stamp of each policy's plan in force."""
+        self.repeated = 0
+        """How often a plan was published again for an agent on trial."""
         self.watch = AgentWatch(cast("zenoh.Session", self.session), self.scheduler, self, self.nodes)
         self.turn()
 
@@ -41,6 +46,21 @@ class Bus:
 
     def on_confirmation(self, node, said):
         self.confirmations.append((node, said))
+
+    def on_trial(self, node):
+        for policy, (run, sequence, edition) in self.published.items():
+            self.repeated += 1
+            self.publish(run, sequence, edition + 1, policy=policy, nodes=[node])
+
+    def publish(self, *stamp, policy="lab/robot", nodes=(NODE,)):
+        """A plan is published, which a later trial repeats."""
+        self.published[policy] = stamp
+        self.watch.expect(policy, stamp, nodes)
+
+    def confirm_all(self):
+        """The agent confirms what it heard last."""
+        for policy, stamp in self.published.items():
+            self.confirm(*stamp, policy=policy)
 
     def turn(self, seconds=0.01):
         self.scheduler.advance_by(seconds)
@@ -246,19 +266,140 @@ def test_an_agent_that_realtime_tasks_keep_waiting_is_counted_on(bus):
     assert bus.changes == [{NODE: NOT_CONFIRMING}]
 
 
-def test_a_frozen_agent_is_not_counted_on_until_it_answers(bus):
+def test_a_frozen_agent_is_not_counted_on_until_it_answers_and_confirms(bus):
     """It may keep its token all the while."""
-    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.publish(1, 1, 0)
     bus.turn(BOUND)
     assert bus.changes == [{NODE: NOT_CONFIRMING}]
     assert bus.session.questions == []
     report, bus.session.agents[NODE] = bus.session.agents[NODE], None
-    bus.turn(RETURN)
+    bus.turn(FIRST)
     bus.time_out()
     assert bus.watch.reports == {NODE: NOT_CONFIRMING}
     bus.session.agents[NODE] = report
     bus.turn(PAUSE)
+    assert (bus.changes, bus.repeated) == ([{NODE: NOT_CONFIRMING}], 1)
+    bus.confirm_all()
     assert bus.changes == [{NODE: NOT_CONFIRMING}, {NODE: FAIR}]
+
+
+def test_an_agent_that_answers_but_refuses_plans_is_not_counted_on(bus):
+    bus.publish(1, 1, 0)
+    bus.turn(BOUND)
+    for number in range(4):
+        bus.turn(FIRST * 2**number + BOUND)
+        assert bus.repeated == number + 1, "twice as long each time"
+    bus.turn(50 * LONGEST)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}], "not counted on in between: that would move all requests"
+    tries = bus.repeated
+    bus.turn(LONGEST + 2 * BOUND)
+    assert bus.repeated == tries + 1, "in the end, too"
+
+
+def test_every_plan_in_force_must_be_confirmed_again(bus):
+    bus.publish(1, 1, 0)
+    bus.publish(7, 1, 0, policy="lab/other")
+    bus.turn(BOUND)
+    bus.turn(FIRST)
+    bus.confirm(*bus.published["lab/robot"])
+    bus.confirm(7, 1, 0, policy="lab/other")
+    assert bus.watch.reports == {NODE: NOT_CONFIRMING}
+    bus.confirm_all()
+    assert bus.watch.reports == {NODE: FAIR}
+
+
+def test_a_plan_that_ends_during_a_trial_is_not_waited_for(bus):
+    bus.publish(1, 1, 0)
+    bus.turn(BOUND)
+    bus.turn(FIRST)
+    bus.watch.forget("lab/robot")
+    assert bus.watch.reports == {NODE: NOT_CONFIRMING}
+    bus.turn()
+    assert bus.watch.reports == {NODE: FAIR}
+
+
+def test_the_next_version_of_a_policy_on_trial_must_be_confirmed(bus):
+    bus.publish(1, 1, 0)
+    bus.turn(BOUND)
+    bus.turn(FIRST)
+    bus.watch.forget("lab/robot")
+    bus.publish(2, 1, 0)
+    bus.turn()
+    assert bus.watch.reports == {NODE: NOT_CONFIRMING}
+    bus.confirm_all()
+    assert bus.watch.reports == {NODE: FAIR}
+
+
+def late(bus, sequence):
+    """A plan is not confirmed in time."""
+    bus.publish(1, sequence, 0)
+    bus.turn(BOUND)
+    assert bus.watch.reports == {NODE: NOT_CONFIRMING}
+
+
+def test_an_agent_that_is_late_time_and_again_is_left_alone_longer(bus):
+    for number in range(3):
+        late(bus, number + 1)
+        bus.turn(FIRST * 2**number - 0.1)
+        assert bus.repeated == number
+        bus.turn(0.1)
+        bus.confirm_all()
+        assert bus.watch.reports == {NODE: FAIR}
+    bus.turn(LONGEST)
+    late(bus, 9)
+    bus.turn(FIRST)
+    assert bus.repeated == 4, "it was good for long"
+
+
+def test_an_agent_that_restarts_during_a_pause_is_tried_at_once(bus):
+    late(bus, 1)
+    bus.session.agent_gone(NODE)
+    bus.session.agent(NODE, a_report())
+    bus.turn()
+    bus.confirm_all()
+    assert bus.watch.reports == {NODE: ABLE}
+
+
+def test_agent_that_ends_during_its_trial_is_not_counted_on(bus):
+    late(bus, 1)
+    bus.turn(FIRST)
+    bus.session.agent_gone(NODE)
+    bus.turn()
+    bus.confirm_all()
+    assert bus.watch.reports == {NODE: NOT_CONFIRMING}
+    bus.turn(RETURN)
+    assert bus.watch.reports == {}
+
+
+def test_agent_that_comes_up_under_a_plan_must_confirm_it():
+    bus = Bus()
+    bus.publish(1, 1, 0)
+    bus.session.agent(NODE, a_report())
+    bus.turn()
+    assert (bus.watch.reports, bus.repeated) == ({}, 1)
+    bus.confirm_all()
+    assert bus.changes == [{NODE: ABLE}]
+
+
+def test_agent_that_replaces_another_in_time_must_confirm_the_plan_too(bus):
+    bus.publish(1, 1, 0)
+    bus.confirm_all()
+    bus.session.agent_gone(NODE)
+    bus.session.agent(NODE, a_report("no kernel option"))
+    bus.turn()
+    assert (bus.changes, bus.repeated) == ([], 1)
+    bus.turn(BOUND)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}]
+
+
+def test_an_agent_that_has_a_plan_to_confirm_hears_no_other(bus):
+    bus.watch.look(NODE)
+    bus.publish(1, 1, 0)
+    bus.turn()
+    bus.confirm_all()
+    bus.watch.look(NODE)
+    bus.turn()
+    assert bus.repeated == 0
 
 
 def test_late_confirmation_does_not_restore_trust_at_once(bus):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from contextpolicy.cluster.claims import claim
 from contextpolicy.policies import binder
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
@@ -70,6 +72,50 @@ def test_a_restarted_container_is_reported_to_agents_with_the_plan_in_force(runn
     assert plan["edition"] == 1
     assert "containerd://again" in [target["containerId"] for target in plan["targets"]]
     assert "trigger" in plan
+
+
+HALF = {"reserve": "500m"}
+OWN = [a_task("slam"), a_task("speech")]
+
+
+@pytest.fixture(params=["without an agent", "with an agent"])
+def shared(running, request):
+    """A younger policy has the arm, in the half of the node that the robot's own leaves."""
+    if request.param == "with an agent":
+        running.session.agent(NODE, b'{"missing": {"CFS": [], "Realtime": []}}')
+    running.apply(a_policy(generation=2, **HALF))
+    running.apply(a_policy("younger", created="2026-02-01T00:00:00Z", tasks=[a_task("arm")], contexts=[], streams=[]))
+    running.cluster.create(a_pod("arm", {"arm": resources()}))
+    running.settle()
+    assert running.session.plans("lab/younger")[-1]["targets"]
+    return running
+
+
+def owners(operator, act):
+    """Each message about plans that follows, as its policy and whether that has the arm."""
+    before = len(operator.session.published)
+    act()
+    operator.settle()
+    messages = [message for key, message in operator.session.published[before:] if key.endswith("/plan")]
+    return [(one["policy"], "arm" in [target["pod"] for target in one["targets"]]) for one in messages]
+
+
+def test_a_pod_that_changes_hands_is_given_up_before_it_is_taken(shared):
+    """Policies publish oldest first, but an agent refuses a container that still belongs to another policy."""
+    shared.apply(a_policy(generation=3, tasks=[*OWN, a_task("guest", container="arm")], **HALF))
+    shared.settle()
+
+    def relabel():
+        shared.cluster.pods["uid-arm"]["metadata"]["labels"] = {"app": "guest"}
+        shared.cluster._commit("uid-arm")
+
+    told = owners(shared, relabel)
+    assert told.index(("lab/younger", False)) < told.index(("lab/robot", True))
+
+
+def test_a_policy_that_is_edited_takes_a_container_after_its_owner_gave_it_up(shared):
+    told = owners(shared, lambda: shared.apply(a_policy(generation=3, tasks=[*OWN, a_task("arm")], **HALF)))
+    assert told.index(("lab/younger", False)) < told.index(("lab/robot", True))
 
 
 def test_a_container_that_a_resize_would_restart_is_left_alone_and_reported_once(running):

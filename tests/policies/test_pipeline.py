@@ -132,6 +132,9 @@ class AgentAtWork:
     def on_confirmation(self, node, said):
         """Nobody measures."""
 
+    def on_trial(self, node):
+        self._robot.runner.publisher.publish_to(node)
+
     def work(self, seconds, step):
         for _ in range(round(seconds / step)):
             self._robot.loop.advance_by(step)

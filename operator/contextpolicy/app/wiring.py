@@ -138,6 +138,10 @@ class Operator:
         """A node's agent has carried out a plan: what it wrote is in force."""
         self._publisher.on_confirmation(node, said)
 
+    def on_trial(self, node: str) -> None:
+        """A node's agent has yet to confirm a plan before policies can count on it."""
+        self._policies.repeat_to(node)
+
     def on_router(self) -> None:
         """The router came or went: every status has that."""
         self._publisher.report_all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import zenoh
 
 from contextpolicy.bus.decision_bus import agent_key, confirmed_key
+from contextpolicy.bus.doubts import Doubts
+from contextpolicy.bus.unconfirmed import Unconfirmed
 from contextpolicy.cluster.agent_reports import (
     LATE,
     NO_ANSWER,
@@ -36,8 +37,7 @@ LONG_PATIENCE = 10.0
 PAUSE = 1.0
 """Seconds before asking an agent again that did not answer."""
 RETURN = 10.0
-"""Seconds an agent may be gone, for an upgrade say, before its node counts as having none. Falling back and returning
-at once would quickly revert every limit, which kubelets get wrong (kubernetes#125205)."""
+"""Seconds an agent may be gone, for an upgrade say, before its node counts as having none (see `doubts.FIRST`)."""
 
 MOST_NODES = 5000
 """Nodes that a cluster has at most (kubernetes.io, "Considerations for large clusters")."""
@@ -56,13 +56,18 @@ class AgentListener(Protocol):
     def on_confirmation(self, node: str, said: Confirmation) -> None:
         """A node's agent has carried out a plan, but for the containers that it names."""
 
+    def on_trial(self, node: str) -> None:
+        """A node's agent answers, but has not confirmed a plan: publish those again that it has to carry out."""
+
 
 class AgentWatch:
     """Follows the agents' liveliness tokens.
 
-    The token says that an agent is alive, its answer what it can do. An agent is asked until it answers; until then
-    plans can't count on it. The same holds for an agent that does not confirm a plan in time: a frozen process keeps
-    its token. A confirmation names the containers that the agent could not set: plans can't count on it for these.
+    The token says that an agent is alive, its answer what it can do. An agent is asked until it answers, and the plans
+    in force are then published to it; plans can't count on it until it has confirmed these, if there are any. The same
+    holds for an agent that does not confirm a plan in time: a frozen process keeps its token, and one that refuses
+    plans answers whatever it is asked. It is left alone for a while, longer each time (`doubts`), and then asked again.
+    A confirmation names the containers that the agent could not set: plans can't count on it for these.
 
     A certificate of the role agent does not say of which node: anyone who has one may speak for any. So only `nodes`
     that the cluster has are asked and believed, which bounds what thousands of invented ones could take.
@@ -82,7 +87,11 @@ class AgentWatch:
         self._missed: dict[str, DisposableBase] = {}
         self._planned: set[str] = set()
         """The policies that have a source of plans."""
-        self._unconfirmed: dict[tuple[str, str], _Unconfirmed] = {}
+        self._unconfirmed, self._doubts = Unconfirmed(scheduler, self), Doubts()
+        self._trials: dict[str, AgentReport] = {}
+        """The reports of agents that have yet to confirm a plan before they are counted on."""
+        self._proven: set[str] = set()
+        """The nodes whose agent has confirmed a plan since it came up."""
         self._failed: dict[tuple[str, str], Mapping[str, str]] = {}
         for node in self.reports:
             self._later(partial(self._miss, node))  # until its token is seen: it may have ended since it answered
@@ -106,17 +115,10 @@ class AgentWatch:
         `standstill` is for how many seconds realtime tasks may keep all others from running.
         """
         self._planned.add(policy)
-        bound = BOUND + STANDSTILLS * standstill
         for node in nodes:
-            report = self.reports.get(node)
-            # `limits` and `realtime` hold what the agent lacks; with both set it carries out nothing to confirm.
-            if report is None or (report.limits and report.realtime):
-                continue
-            waiting = self._unconfirmed.get((node, policy))
-            if waiting is None:
-                self._unconfirmed[node, policy] = _Unconfirmed(stamp, stamp, bound, self._arm(node, policy, bound))
-            else:
-                waiting.last = stamp
+            report = self._trials.get(node) or self.reports.get(node)
+            if report is not None and _acts(report):
+                self._unconfirmed.expect(node, policy, stamp, BOUND + STANDSTILLS * standstill)
 
     def failures(self, policy: str) -> dict[str, Mapping[str, str]]:
         """By node, the containers (ID) to which its agent could not give what the policy's last plan says, and why."""
@@ -126,11 +128,8 @@ class AgentWatch:
         """Expect no more confirmations for this policy: its source of plans is gone."""
         self._planned.discard(policy)
         self._failed = {key: failed for key, failed in self._failed.items() if key[1] != policy}
-        for node, other in [key for key in self._unconfirmed if key[1] == policy]:
-            self._unconfirmed.pop((node, other)).timer.dispose()
-
-    def _arm(self, node: str, policy: str, bound: float) -> DisposableBase:
-        return self._scheduler.schedule_relative(bound, lambda *_: self._doubt(node, policy))
+        self._unconfirmed.forget(policy)
+        self._later(self._end_trials)  # not at once: the policy's next version may be about to publish
 
     def _on_confirmation(self, sample: zenoh.Sample) -> None:
         node, said = str(sample.key_expr).split("/")[2], read_confirmation(sample.payload.to_bytes())
@@ -143,15 +142,9 @@ class AgentWatch:
             return
         self._take_failures(node, said)
         self._listener.on_confirmation(node, said)
-        waiting = self._unconfirmed.get((node, said.policy))
-        if waiting is None or said.stamp < waiting.first:
-            return
-        waiting.timer.dispose()
-        # A confirmation of a plan between `first` and `last` proves the agent is alive: the clock restarts for `last`.
-        if said.stamp >= waiting.last:
-            del self._unconfirmed[node, said.policy]
-        else:
-            waiting.first, waiting.timer = waiting.last, self._arm(node, said.policy, waiting.bound)
+        self._proven.add(node)
+        self._unconfirmed.confirm(node, said.policy, said.stamp)
+        self._end_trial(node)
 
     def _take_failures(self, node: str, said: Confirmation) -> None:
         """What failed last is what counts: the agent tries again with each plan."""
@@ -163,14 +156,43 @@ class AgentWatch:
             log.warning("node %s: containers of %s that its agent could not set: %s", node, said.policy, reasons)
             self._listener.on_agents()
 
-    def _doubt(self, node: str, policy: str) -> None:
-        """Stop counting on the node's agent; after RETURN it is asked again what it can do, until it answers."""
-        del self._unconfirmed[node, policy]
-        if node not in self.reports or node in self._missed or node in self._owing:
+    def on_late(self, node: str) -> None:
+        """Stop counting on the node's agent; after a pause it is asked again what it can do, until it answers."""
+        if self._trials.pop(node, None) is None and (
+            node not in self.reports or node in self._missed or node in self._owing
+        ):
             return
         log.warning("node %s: %s", node, LATE)
-        self._ask_later(node, RETURN)
+        self._proven.discard(node)
+        self._ask_later(node, self._doubts.doubt(node, self._now()))
         self._set(node, NOT_CONFIRMING)
+
+    def _try(self, node: str, report: AgentReport) -> None:
+        """The node's agent has answered: count on it once it has confirmed the plans in force, if there are any.
+
+        One that is counted on already may be another by now, which has yet to prove itself as well.
+        """
+        trusted = node in self.reports and _acts(self.reports[node])
+        if trusted or not _acts(report):
+            self._set(node, report)
+        else:
+            self._trials[node] = report
+        if node in self._trials or (trusted and _acts(report) and not self._is_proving(node)):
+            self._listener.on_trial(node)
+        self._end_trial(node)
+
+    def _is_proving(self, node: str) -> bool:
+        return node in self._proven or node in self._unconfirmed
+
+    def _end_trial(self, node: str) -> None:
+        """Count on the node's agent if it was on trial, and has confirmed all that it had to."""
+        if node in self._trials and node not in self._unconfirmed:
+            self._doubts.trust(node, self._now())
+            self._set(node, self._trials.pop(node))
+
+    def _end_trials(self) -> None:
+        for node in list(self._trials):
+            self._end_trial(node)
 
     def _ask_all(self) -> Iterator[tuple[str, AgentReport]]:
         for reply in self._session.get(agent_key("*"), timeout=PATIENCE):
@@ -194,13 +216,17 @@ class AgentWatch:
         if node not in self._nodes and node not in self.reports:
             return
         self._owing.pop(node, None)
+        self._trials.pop(node, None)
+        self._proven.discard(node)
         self._forgive(node)
         self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._give_up(node))
 
     def _give_up(self, node: str) -> None:
         """The agent was gone for too long. A new one may be alive already, but has not said what it can do."""
         del self._missed[node]
-        if node in self._nodes and node not in self._owing:
+        if node not in self._nodes:
+            self._doubts.forget(node)
+        elif node not in self._owing:
             self.gone.add(node)
         self._set(node, NO_ANSWER if node in self._owing else None)
 
@@ -227,7 +253,7 @@ class AgentWatch:
     def _on_answer(self, node: str, report: AgentReport) -> None:
         if self._owing.pop(node, None):
             self._forgive(node)
-            self._set(node, report)
+            self._try(node, report)
 
     def _on_end(self, node: str, question: object) -> None:
         """Ask again if no answer came; until RETURN is over, the report of the agent's predecessor still holds."""
@@ -257,19 +283,16 @@ class AgentWatch:
         if self.reports != before:
             self._listener.on_agents()
 
+    def _now(self) -> float:
+        return self._scheduler.to_seconds(self._scheduler.now)
+
     def _later(self, action: Callable[[], None]) -> None:
         self._scheduler.schedule(lambda *_: action())
 
 
-@dataclass(slots=True)
-class _Unconfirmed:
-    """The first and the last plan of a policy that a node's agent has yet to confirm."""
-
-    first: Stamp
-    last: Stamp
-    bound: float
-    """Seconds that the agent has."""
-    timer: DisposableBase
+def _acts(report: AgentReport) -> bool:
+    """Whether an agent carries out anything: `limits` and `realtime` hold what it lacks."""
+    return not (report.limits and report.realtime)
 
 
 def _node(key: zenoh.KeyExpr) -> str:

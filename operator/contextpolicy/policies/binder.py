@@ -9,8 +9,11 @@ from contextpolicy.cluster.agent_reports import unwritten, with_agents, writing
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pod_directory import PodDirectory
 from contextpolicy.cluster.room import demand
+from contextpolicy.policies.handover import Change, givers_first
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from contextpolicy.actuators.resize.originals import Originals
     from contextpolicy.bus.robot_bus import RobotBus
     from contextpolicy.cluster.claims import Claim
@@ -46,6 +49,8 @@ class Binder:
         """Namespaces whose pods came, went or moved since the last placement."""
         self._elsewhere: dict[str, int] = {}
         """What pods of namespaces without policies request, on the nodes where that decides about any policy."""
+        self._owned: dict[str, frozenset[str]] = {}
+        """The containers of each policy at the last placement, also of one that has been edited since."""
 
     def take_pod(self, pod: PodView) -> None:
         """A pod is new or has changed."""
@@ -79,16 +84,19 @@ class Binder:
         """Give all runners what they may claim."""
         claims = self._claims()
         self._moved = set()
-        for runner, own in claims:
-            self._give(runner, own)
+        self._give_all(claims)
 
     def _place_moved(self) -> None:
         """Update the runners that pods of the moved namespaces concern."""
         moved, self._moved = self._moved, set()
         if moved & self._registry.namespaces() or self._is_room_changed():
-            for runner, own in self._claims():
-                if runner.policy.namespace in moved or own != runner.claim:
-                    self._give(runner, own)
+            self._give_all(
+                [
+                    (runner, own)
+                    for runner, own in self._claims()
+                    if runner.policy.namespace in moved or own != runner.claim
+                ]
+            )
 
     def _claims(self) -> list[tuple[PolicyRunner, Claim]]:
         runners = self._registry.runners()
@@ -126,6 +134,19 @@ class Binder:
             own.unlimited.extend(unwritten(policy, failures, self.pods.of(policy.namespace)))
         return own
 
+    def _give_all(self, claims: Sequence[tuple[PolicyRunner, Claim]]) -> None:
+        """Give these runners what they may claim; of two policies between which a container moves, its owner first."""
+        found = {runner.policy.reference: (runner, own) for runner, own in claims}
+        now = {reference: _containers(*given) for reference, given in found.items()}
+        changes = {reference: Change(self._owned.get(reference, frozenset()), now[reference]) for reference in found}
+        handover = givers_first(changes)
+        present = {runner.policy.reference for runner in self._registry.runners()}
+        self._owned = {one: owned for one, owned in (self._owned | now).items() if one in present}
+        for reference in handover.order:
+            self._give(*found[reference])
+        for reference in handover.again:
+            found[reference][0].publisher.publish_again()
+
     def _give(self, runner: PolicyRunner, own: Claim) -> None:
         policy = runner.policy
         self._publisher.emit_claim(policy.reference, runner.claim, own)
@@ -147,3 +168,8 @@ class Binder:
             for before in [original(pod.uid, c.name) or c.spec]
         )
         return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds, demand(pod, original)
+
+
+def _containers(runner: PolicyRunner, own: Claim) -> frozenset[str]:
+    """The containers that agents take for the policy's."""
+    return frozenset(one.id for one in own.placement.containers) if runner.policy.mode.acts else frozenset()

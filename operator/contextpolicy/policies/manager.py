@@ -133,6 +133,11 @@ class PolicyManager:
             runner.publisher.publish_again()
         self._publisher.report_all()
 
+    def repeat_to(self, node: str) -> None:
+        """A node's agent has yet to confirm a plan: publish those again that it has to carry out."""
+        for runner in self._registry.runners():
+            runner.publisher.publish_to(node)
+
     def stop(self) -> None:
         """Stop all runners; limits stay in force."""
         for runner in self._registry.runners():

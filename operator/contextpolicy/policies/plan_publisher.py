@@ -80,6 +80,12 @@ class PlanPublisher:
         if content is not None and _whereabouts(content) != self._whereabouts:
             self.publish_again()
 
+    def publish_to(self, node: str) -> None:
+        """Publish the plan in force again if it has this node, whose agent has yet to confirm one."""
+        plan = self._planner.last
+        if plan is not None and node in plan.nodes and self._policy.mode.acts:
+            self.publish_again()
+
     def publish_applied(self, stage: str, container: str, cores: float, at: float) -> None:
         """Publish that a container's new limit reached a stage; `at` is when it did, in monotonic seconds."""
         plan = self._planner.last
@@ -106,8 +112,9 @@ class PlanPublisher:
             return
         payload = self._bus.publish({**content, "trigger": trigger})
         self._whereabouts, self.sequence = _whereabouts(content), content["sequence"]
-        if payload is not None:
-            self._services.recorder.take_plan(self._policy.reference, PlanRecord(time.monotonic(), payload))
+        if payload is None:
+            return
+        self._services.recorder.take_plan(self._policy.reference, PlanRecord(time.monotonic(), payload))
         if self._policy.mode.acts:
             stamp = content["run"], content["sequence"], content["edition"]
             standstill = (

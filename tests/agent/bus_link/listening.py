@@ -53,6 +53,9 @@ class Listener:
     def on_confirmation(self, node, said):
         """Confirmations are heard as the agent's bus sends them."""
 
+    def on_trial(self, node):
+        """There are no plans that an agent would have to confirm."""
+
     def expect(self, *events):
         with self._changed:
             assert self._changed.wait_for(lambda: self.events == list(events), PATIENCE), self.events

@@ -1,0 +1,45 @@
+"""In which order policies publish when containers change hands: agents refuse what still belongs to another. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Set
+
+
+class Change(NamedTuple):
+    """A policy's containers."""
+
+    before: Set[str]
+    after: Set[str]
+
+
+class Handover(NamedTuple):
+    """Policies in the order in which they publish; those in `again` do so once more at the end.
+
+    They took a container before its owner had given it up, as where two policies swap theirs.
+    """
+
+    order: list[str]
+    again: list[str]
+
+
+def givers_first(changes: Mapping[str, Change]) -> Handover:
+    """The order of `changes`, but whoever gives a container up before the policy that takes it."""
+    givers = {container: policy for policy, (before, after) in changes.items() for container in before - after}
+    if not givers:
+        return Handover(list(changes), [])
+    waits_for = {
+        policy: {givers[container] for container in (after - before) & givers.keys()}
+        for policy, (before, after) in changes.items()
+    }
+    found, left = Handover([], []), dict.fromkeys(changes)
+    while left:
+        policy = next((one for one in left if waits_for[one].isdisjoint(left)), None)
+        if policy is None:
+            policy = next(iter(left))
+            found.again.append(policy)
+        del left[policy]
+        found.order.append(policy)
+    return found
