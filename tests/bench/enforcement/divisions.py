@@ -44,8 +44,9 @@ class Setting:
 
 DEFAULT, PRIORITY, TUNED, PINNED, ROUND_ROBIN = "default", "priority", "tuned", "pinned", "round robin"
 LIMITS, WEIGHTS, BUDGETS, ALONE = "context limits", "context weights", "context realtime", "alone"
+SUSPENSION = "context suspension"
 STATIC = (DEFAULT, PRIORITY, TUNED, PINNED, ROUND_ROBIN)
-CONTEXTUAL = (LIMITS, WEIGHTS, BUDGETS)
+CONTEXTUAL = (LIMITS, WEIGHTS, BUDGETS, SUSPENSION)
 FIXED_PRIORITY = "slam"
 """The one task that has realtime priority throughout: the heaviest by priority of those that are critical somewhere."""
 
@@ -162,6 +163,11 @@ def _budgets(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
     return {name: Setting(budget=budget, realtime=True) for name, budget in found.items()} | suspended
 
 
+def _suspension(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
+    """A quota for what the context suspends; the others are left alone."""
+    return _default(tasks) | dict.fromkeys(context.suspends, Setting(quota=STEP))
+
+
 _STATIC = {
     DEFAULT: _default,
     ALONE: _default,
@@ -169,6 +175,6 @@ _STATIC = {
     PINNED: _pinned,
     ROUND_ROBIN: _round_robin,
 }
-_CONTEXTUAL = {LIMITS: _limits, WEIGHTS: _weights, BUDGETS: _budgets} | {
+_CONTEXTUAL = {LIMITS: _limits, WEIGHTS: _weights, BUDGETS: _budgets, SUSPENSION: _suspension} | {
     name: partial(_weights, table=table) for name, table in ATTEMPTS.items()
 }

@@ -20,6 +20,7 @@ from tests.bench.enforcement.divisions import (
     PINNED,
     ROUND_ROBIN,
     STATIC,
+    SUSPENSION,
     TUNED,
     WEIGHTS,
 )
@@ -103,7 +104,7 @@ def for_goals(cell: Cell) -> bool:
         return cell.gated or cell.story == IMPORTANCE.name
     if cell.story == IMPORTANCE.name:
         return cell.division in ((DEFAULT,) if cell.load == LIGHT else (*STATIC, ALONE))
-    return cell.gated and cell.load in HEAVY and cell.division in STATIC
+    return cell.gated and cell.division in ((DEFAULT, SUSPENSION) if cell.load == LIGHT else STATIC)
 
 
 def in_block(measured: Iterable[Cell], block: int) -> list[Cell]:
@@ -124,6 +125,10 @@ def taken(cell: Cell, task: Task, script: Script) -> Inputs:
 
 
 _RULES = (
+    (
+        lambda cell: cell.division == SUSPENSION and cell.story == IMPORTANCE.name,
+        "no context suspends anything: the same as Linux' default",
+    ),
     (
         lambda cell: stand_in(cell) != cell,
         "the same as in `importance` without gating: nothing here depends on contexts",

@@ -30,16 +30,16 @@ BAR = 0.26
 def draw(journal: Journal, path: Path) -> None:
     """Write an SVG, without a date: the same figures give the same file."""
     loads = sorted({cell.load for cell, _, _ in journal.runs()})
-    if not loads:
+    measured = {cell.division for cell, _, _ in journal.runs()}
+    names = [name for name in (*STATIC, *CONTEXTUAL) if name in measured]
+    if not names:
         return
     with mpl.rc_context({**STYLE, "font.size": 8}):
         figure = Figure(figsize=(1.2 + WIDTH * len(loads), HEIGHT * len(ROWS)), layout="constrained")
         panels: Any = figure.subplots(len(ROWS), len(loads), sharex=True, sharey=True, squeeze=False)
         for row, (story, gated, title) in zip(panels, ROWS, strict=True):
             for panel, load in zip(row, loads, strict=True):
-                cells = {name: Cell(story, load, Queue.NEWEST, gated, name) for name in (*STATIC, *CONTEXTUAL)}
-                found = {name: journal.figures(cell) for name, cell in cells.items()}
-                _bars(panel, [found[name] for name in cells], list(cells))
+                _bars(panel, [journal.figures(Cell(story, load, Queue.NEWEST, gated, one)) for one in names], names)
                 panel.set_title(f"load {load:g}, {title}", fontsize=8)
         handles, labels = panels[0][0].get_legend_handles_labels()
         if handles:

@@ -14,6 +14,7 @@ from tests.bench.enforcement.divisions import (
     REALTIME,
     ROUND_ROBIN,
     STATIC,
+    SUSPENSION,
     TUNED,
     WEIGHTS,
     Setting,
@@ -50,6 +51,14 @@ def test_requests_by_priority_are_all_of_the_processors():
 
 def test_tuned_weights_use_the_search_result():
     assert {one.shares for one in settings(TUNED)["talk"].values()} == {100}
+
+
+@pytest.mark.parametrize("context", SUSPENDING.contexts, ids=lambda context: context.name)
+def test_suspension_alone_caps_what_its_context_suspends(context):
+    found = settings(SUSPENSION, SUSPENDING)[context.name]
+    assert {name: one for name, one in found.items() if one != Setting()} == dict.fromkeys(
+        context.suspends, Setting(quota=STEP)
+    )
 
 
 def test_pinned_tasks_are_on_one_processor_each_and_both_are_used():

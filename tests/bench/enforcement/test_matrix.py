@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.bench.enforcement.divisions import ALONE, DEFAULT, PRIORITY, STATIC, WEIGHTS
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, PRIORITY, STATIC, SUSPENSION, WEIGHTS
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.matrix import BESIDE, HEAVY, LIGHT, Cell, cells, for_goals, in_block, stand_in, taken
 from tests.bench.enforcement.policy import ATTEMPTS
@@ -13,7 +13,7 @@ MEASURED, LEFT_OUT = cells(attempts=True)
 
 def test_a_cell_is_measured_or_left_out_with_a_reason():
     assert not set(MEASURED) & set(LEFT_OUT)
-    assert len(MEASURED) + len(LEFT_OUT) == 2 * 4 * 2 * 2 * (9 + len(ATTEMPTS))
+    assert len(MEASURED) + len(LEFT_OUT) == 2 * 4 * 2 * 2 * (10 + len(ATTEMPTS))
     assert all(LEFT_OUT.values())
 
 
@@ -36,7 +36,10 @@ def test_cells_that_goals_compare_are_in_every_block(load):
     for cell in (
         Cell(IMPORTANCE.name, LIGHT, Queue.NEWEST, gated=False, division=DEFAULT),
         Cell(IMPORTANCE.name, LIGHT, Queue.NEWEST, gated=False, division=WEIGHTS),
-        Cell(SUSPENDING.name, LIGHT, Queue.NEWEST, gated=True, division=WEIGHTS),
+        *(
+            Cell(SUSPENDING.name, LIGHT, Queue.NEWEST, gated=True, division=division)
+            for division in (DEFAULT, WEIGHTS, SUSPENSION)
+        ),
     ):
         assert cell in last
 
