@@ -19,6 +19,8 @@ class JsonLines:
 
     def __init__(self, file: Path, options: Mapping[str, Any], *, resume: bool) -> None:
         self._file = file
+        self._kept: str | None = None
+        """What the file is to hold before anything is added, where its last line was cut off."""
         self.found: list[dict[str, Any]] = []
         if resume and file.exists():
             self._read(options)
@@ -28,6 +30,9 @@ class JsonLines:
 
     def add(self, entry: Mapping[str, Any]) -> None:
         """Keep an entry; it is on disk when this returns."""
+        if self._kept is not None:
+            self._file.write_text(self._kept, encoding="utf-8")
+            self._kept = None
         with self._file.open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry, separators=(",", ":")) + "\n")
 
@@ -36,7 +41,7 @@ class JsonLines:
         first, *lines = text.splitlines()
         if json.loads(first) != options:
             raise OtherRunError(f"{self._file} is of a run with {first}, not {json.dumps(options)}")
-        if not text.endswith("\n"):  # the last line was cut off
+        if not text.endswith("\n"):  # the last line was cut off, or is being written
             lines = lines[:-1]
-            self._file.write_text("".join(f"{line}\n" for line in (first, *lines)), encoding="utf-8")
+            self._kept = "".join(f"{line}\n" for line in (first, *lines))
         self.found = [json.loads(line) for line in lines]

@@ -28,6 +28,15 @@ def test_a_line_that_was_cut_off_is_left_out_and_the_file_stays_readable(file):
     assert JsonLines(file, OPTIONS, resume=True).found == [{"step": "a"}, {"step": "c"}]
 
 
+def test_reading_a_file_that_is_being_written_leaves_it_as_it_is(file):
+    JsonLines(file, OPTIONS, resume=False).add({"step": "a"})
+    with file.open("a") as text:
+        text.write('{"step": "b", "res')
+    before = file.read_text()
+    assert JsonLines(file, OPTIONS, resume=True).found == [{"step": "a"}]
+    assert file.read_text() == before
+
+
 def test_run_with_other_options_is_not_resumed(file):
     JsonLines(file, OPTIONS, resume=False)
     with pytest.raises(OtherRunError, match=r'rounds": 20.*rounds": 30'):

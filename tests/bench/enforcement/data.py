@@ -5,28 +5,34 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from tests.bench.enforcement.goals import static_that_serve_all, verdicts
+from tests.bench.enforcement.goals import statics
 from tests.bench.enforcement.matrix import HEAVY, Cell
 from tests.bench.enforcement.opponents import best_static, losses_of_others
 from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
+    from tests.bench.enforcement.goals import Verdict
     from tests.bench.enforcement.journal import Journal
 
 
-def values(journal: Journal, about: Mapping[str, Any]) -> dict[str, Any]:
+def values(journal: Journal, about: Mapping[str, Any], judged: Sequence[Verdict]) -> dict[str, Any]:
     """The same as plain data."""
     return {
         "about": dict(about),
         "goals": [
-            {"goal": one.goal, "division": one.division, "met": one.met, "compared": one.compared, "failed": one.failed}
-            for one in verdicts(journal.figures)
+            {
+                "goal": one.goal,
+                "division": one.division,
+                "outcome": one.outcome,
+                "blocks": one.blocks,
+                "compared": one.compared,
+                "failed": one.failed,
+            }
+            for one in judged
         ],
-        "static that serve every context": {
-            f"{load:g}": static_that_serve_all(journal.figures, load) for load in HEAVY
-        },
+        "static that serve every context": {f"{load:g}": statics(journal.figures, load) for load in HEAVY},
         "best static": [
             _best(story.name, load, journal, gated=gated)
             for story, gated in ((IMPORTANCE, False), (SUSPENDING, True))
@@ -53,6 +59,7 @@ def _row(cell: Cell, journal: Journal) -> dict[str, Any]:
             "blocks": figures.hits(name),
             "p50": _finite(figures.quantile(name, 0.5)),
             "p99": _finite(figures.quantile(name, 0.99)),
+            "p99 blocks": [_finite(seconds) for seconds in figures.quantiles(name, 0.99)],
         }
         for name in figures.tasks
     }

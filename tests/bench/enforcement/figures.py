@@ -69,11 +69,22 @@ def _responses(task: Task, script: Script, finished: Sequence[float]) -> dict[st
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """All runs of one cell, by block; `story` says whose inputs are due where."""
+    """All runs of one cell; `story` says whose inputs are due where.
+
+    `blocks` are the runs' blocks, and `places` say when each was measured, by its place among all runs.
+    """
 
     story: Story
     tasks: Mapping[str, Task]
     runs: Sequence[Run]
+    blocks: Sequence[int] = ()
+    places: Sequence[int] = ()
+
+    def only(self, blocks: Sequence[int]) -> Figures:
+        """The runs of these blocks, in their order."""
+        found = [self.blocks.index(block) for block in blocks]
+        places = [self.places[number] for number in found]
+        return Figures(self.story, self.tasks, [self.runs[number] for number in found], blocks, places)
 
     def hit(self, task: str, contexts: Iterable[str] | None = None) -> float:
         """Of the task's inputs due in these contexts (all), the part that was done in time; NaN if none was due."""
@@ -83,14 +94,26 @@ class Figures:
         """The same, block by block."""
         return [self._rate(task, [run], contexts) for run in self.runs]
 
+    def done(self, task: str, run: Run, contexts: Iterable[str] | None = None) -> tuple[int, int]:
+        """Of the task's inputs due in a run in these contexts (all): how many were done in time, and their number."""
+        due = self._due(task, [run], contexts)
+        return self._in_time(task, due), len(due)
+
+    def times(self, task: str, run: Run) -> list[float]:
+        """How long each of the task's inputs due in a run took, in tenths of a millisecond; infinite without an end."""
+        return [math.inf if one is None else one for one in self._due(task, [run], None)]
+
     def critical(self) -> dict[str, float]:
         """Each context's own task in it."""
         return {context.name: self.hit(context.critical, [context.name]) for context in self.story.contexts}
 
     def quantile(self, task: str, part: float) -> float:
         """Seconds within which that part of the task's due inputs was done; infinite if fewer ever were."""
-        found = sorted(math.inf if one is None else one for one in self._due(task, self.runs, None))
-        return found[math.ceil(part * len(found)) - 1] / TENTHS if found else math.nan
+        return _quantile([time for run in self.runs for time in self.times(task, run)], part)
+
+    def quantiles(self, task: str, part: float) -> list[float]:
+        """The same, block by block."""
+        return [_quantile(self.times(task, run), part) for run in self.runs]
 
     @property
     def work(self) -> float:
@@ -110,10 +133,18 @@ class Figures:
 
     def _rate(self, task: str, runs: Sequence[Run], contexts: Iterable[str] | None) -> float:
         due = self._due(task, runs, contexts)
+        return self._in_time(task, due) / len(due) if due else math.nan
+
+    def _in_time(self, task: str, due: Sequence[int | None]) -> int:
         limit = self.tasks[task].deadline * TENTHS
-        return sum(one is not None and one <= limit for one in due) / len(due) if due else math.nan
+        return sum(one is not None and one <= limit for one in due)
 
     def _due(self, task: str, runs: Sequence[Run], contexts: Iterable[str] | None) -> list[int | None]:
         names = {context.name for context in self.story.contexts if task not in context.suspends}
         names &= names if contexts is None else set(contexts)
         return [one for run in runs for name in sorted(names) for one in run.responses[task][name]]
+
+
+def _quantile(times: Sequence[float], part: float) -> float:
+    found = sorted(times)
+    return found[math.ceil(part * len(found)) - 1] / TENTHS if found else math.nan

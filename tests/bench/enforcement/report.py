@@ -8,9 +8,10 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from tests.bench.enforcement.divisions import ALONE, CONTEXTUAL, STATIC
-from tests.bench.enforcement.goals import static_that_serve_all, verdicts
+from tests.bench.enforcement.goals import FEWEST, Outcome, statics
 from tests.bench.enforcement.inputs import Queue
-from tests.bench.enforcement.matrix import HEAVY, LOADS, Cell, in_block
+from tests.bench.enforcement.intervals import RESAMPLES
+from tests.bench.enforcement.matrix import HEAVY, LIGHT, LOADS, Cell, in_block
 from tests.bench.enforcement.opponents import best_static, losses_of_others
 from tests.bench.enforcement.stories import IMPORTANCE, PROCESSORS, SUSPENDING, critical_fit
 
@@ -31,17 +32,29 @@ VIEWS = (
     (SUSPENDING.name, "on", "Contexts suspend, gating on: the product as a whole against static divisions without it"),
 )
 
+LIGHT_VIEWS = (
+    (IMPORTANCE.name, False, f"Load {LIGHT:g}, every task: nothing suspended"),
+    (SUSPENDING.name, True, f"Load {LIGHT:g}, every task: contexts suspend, the same gating for all"),
+)
 
-def text(journal: Journal, measured: Sequence[Cell], left_out: Mapping[Cell, str], about: Mapping[str, Any]) -> str:
+
+def text(
+    journal: Journal,
+    measured: Sequence[Cell],
+    left_out: Mapping[Cell, str],
+    about: Mapping[str, Any],
+    judged: Sequence[Verdict],
+) -> str:
     """The whole report."""
-    judged = verdicts(journal.figures)
     parts = [
         "# Enforcement: who gets the processors, and what it costs",
         _about(journal, measured, about),
         "## Goals",
+        _JUDGED,
         "\n".join(_verdict(verdict) for verdict in judged),
         "\n".join(_statics(journal)),
         "\n".join(_others(journal)),
+        *(part for story, gated, title in LIGHT_VIEWS for part in _light(journal, measured, story, title, gated=gated)),
         *(part for view in VIEWS for part in _view(journal, measured, *view)),
         "## Tuned static weights",
         _tuned(journal),
@@ -49,6 +62,12 @@ def text(journal: Journal, measured: Sequence[Cell], left_out: Mapping[Cell, str
         _left_out(left_out),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+_JUDGED = f"""\
+A goal is met if of {RESAMPLES:,} sets of blocks, drawn with replacement, the middle 95 % have every figure within its
+bound, and missed if they have one figure beyond it. In between it is not shown, and so it is with fewer than {FEWEST}
+blocks. A margin says how far a figure is within its bound, less than 0 that it is beyond."""
 
 
 def _about(journal: Journal, measured: Sequence[Cell], about: Mapping[str, Any]) -> str:
@@ -75,20 +94,22 @@ def _left(journal: Journal, measured: Sequence[Cell], blocks: int) -> str:
 
 
 def _verdict(verdict: Verdict) -> str:
-    word = {True: "met", False: "**missed**", None: "not measured"}[verdict.met]
+    word = f"**{verdict.outcome}**" if verdict.outcome in {Outcome.MISSED, Outcome.NOT_COMPARABLE} else verdict.outcome
+    blocks = f" ({verdict.blocks} blocks)" if verdict.compared else ""
     failed = "".join(f"\n  - {failure}" for failure in verdict.failed)
-    return f"- {verdict.goal}: {verdict.division}: {word}{failed}"
+    return f"- {verdict.goal}: {verdict.division}: {word}{blocks}{failed}"
 
 
 def _statics(journal: Journal) -> Iterable[str]:
     for load in HEAVY:
-        serving = static_that_serve_all(journal.figures, load)
+        found = statics(journal.figures, load)
         best = best_static(journal.figures, IMPORTANCE.name, load, gated=False)
-        if serving is not None and best:
+        if found and best:
             fit = "fit" if critical_fit(load) else "do not fit"
-            names = ", ".join(serving) or "none"
+            by_outcome = {one: [name for name, outcome in found.items() if outcome is one] for one in Outcome}
+            names = "; ".join(f"{one}: {', '.join(named)}" for one, named in by_outcome.items() if named)
             yield (
-                f"- load {load:g} (the critical tasks {fit} together): static divisions that reach the same: {names}; "
+                f"- load {load:g} (the critical tasks {fit} together): the same of static divisions: {names}; "
                 f"the best is {_opponent(best)}"
             )
 
@@ -107,6 +128,29 @@ def _opponent(best: Opponent) -> str:
     """A static division with its figures."""
     hits = ", ".join(f"{context} {_percent(hit)}" for context, hit in best.figures.critical().items())
     return f"{best.division} ({hits}; runs: {len(best.figures.runs)})"
+
+
+def _light(journal: Journal, measured: Sequence[Cell], story: str, title: str, *, gated: bool) -> Iterable[str]:
+    """Light load: every task under every division, with the least and the most of its blocks."""
+    names = list(dict.fromkeys(cell.division for cell in measured if cell.division != ALONE))
+    shown = {name: journal.figures(Cell(story, LIGHT, Queue.NEWEST, gated, name)) for name in names}
+    found = {name: figures for name, figures in shown.items() if figures}
+    if found:
+        tasks = next(iter(found.values())).tasks
+        head = ["", "blocks", *(f"{task} hits %, p99 ms" for task in tasks)]
+        rows = [[name, str(len(one.runs)), *(_ranges(one, task) for task in tasks)] for name, one in found.items()]
+        yield f"## {title}"
+        yield _rows([head, ["---"] * len(head), *rows])
+
+
+def _ranges(figures: Figures, task: str) -> str:
+    """A task's hit rate and p99 over all blocks, and in brackets the least and the most of one."""
+    hits, times = figures.hits(task), figures.quantiles(task, 0.99)
+    rate, slow = 100 * figures.hit(task), _milliseconds(figures.quantile(task, 0.99))
+    return (
+        f"{rate:.1f} ({100 * min(hits):.1f}-{100 * max(hits):.1f}), "
+        f"{slow} ({_milliseconds(min(times))}-{_milliseconds(max(times))})"
+    )
 
 
 def _view(journal: Journal, measured: Sequence[Cell], story: str, gating: str, title: str) -> Iterable[str]:
@@ -133,8 +177,11 @@ def _table(found: Mapping[str, Figures]) -> str:
     first = next(iter(found.values()))
     critical = [f"{context.name}: {context.critical}" for context in first.story.contexts]
     head = ["", *critical, *(f"{name} (all)" for name in first.tasks), "p50 / p99 ms", "work", "others", "drain"]
-    rows = [_cells(name, figures) for name, figures in found.items()]
-    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
+    return _rows([head, ["---"] * len(head), *(_cells(name, figures) for name, figures in found.items())])
+
+
+def _rows(rows: Iterable[Sequence[str]]) -> str:
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def _cells(name: str, figures: Figures) -> list[str]:
