@@ -293,6 +293,20 @@ def test_a_plan_that_is_carried_out_is_confirmed_and_a_refused_one_is_not(agent,
     assert agent.hear(POLICY, a_message(a_target(SLAM, 64), sequence=2)) is None
 
 
+def test_policies_that_swap_containers_are_carried_out_when_the_first_says_so_again(tree, agent, slam, speech):
+    """The operator publishes first to one, then to the other, and to the first once more."""
+    other = "robot/other"
+    mine, theirs = a_target(SLAM, 0.2), a_target(SPEECH, 0.3, task="speech")
+    agent.find_source(other)
+    agent.hear(POLICY, a_message(mine))
+    agent.hear(other, a_message(theirs, policy=other))
+    assert agent.hear(POLICY, a_message(theirs, sequence=2)) is None
+    assert agent.hear(other, a_message(mine, policy=other, sequence=2)).failed == {}
+    assert agent.hear(POLICY, a_message(theirs, sequence=2, edition=1)).failed == {}
+    assert (tree.limit(slam), tree.limit(speech)) == (200, 300)
+    assert agent.report()["refused"] == {"Owned": 1}
+
+
 def test_a_withdrawal_that_is_repeated_later_undoes_nothing(tree, agent, slam):
     withdrawn = next(TIMES)
     agent.hear(POLICY, None, withdrawn)

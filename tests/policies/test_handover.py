@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.policies.handover import Change, givers_first
+from contextpolicy.policies.handover import Holdings, givers_first
 
 
 def handover(**changes):
     """Each policy's containers before and after, as words."""
-    return givers_first({policy: Change(*(set(words.split()) for words in both)) for policy, both in changes.items()})
+    found = {policy: [frozenset(words.split()) for words in both] for policy, both in changes.items()}
+    return givers_first({policy: Holdings(before, after) for policy, (before, after) in found.items()})
 
 
 @pytest.mark.parametrize(

@@ -269,7 +269,7 @@ class Agent:
 
         What we wrote for the plan before would only be defended against them.
         """
-        if self._admission.is_overtaken(policy, refused and refused.stamp, signed):
+        if self._admission.is_overtaken(policy, refused.stamp if refused else None, signed):
             log.warning("%s: a newer plan was refused; undoing the one before", policy)
             self._release(policy, leave_agreed=policy in self._sources)
 

@@ -9,7 +9,7 @@ from contextpolicy.cluster.agent_reports import unwritten, with_agents, writing
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pod_directory import PodDirectory
 from contextpolicy.cluster.room import demand
-from contextpolicy.policies.handover import Change, givers_first
+from contextpolicy.policies.handover import Holdings, givers_first
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -138,8 +138,7 @@ class Binder:
         """Give these runners what they may claim; of two policies between which a container moves, its owner first."""
         found = {runner.policy.reference: (runner, own) for runner, own in claims}
         now = {reference: _containers(*given) for reference, given in found.items()}
-        changes = {reference: Change(self._owned.get(reference, frozenset()), now[reference]) for reference in found}
-        handover = givers_first(changes)
+        handover = givers_first({one: Holdings(self._owned.get(one, frozenset()), now[one]) for one in found})
         present = {runner.policy.reference for runner in self._registry.runners()}
         self._owned = {one: owned for one, owned in (self._owned | now).items() if one in present}
         for reference in handover.order:

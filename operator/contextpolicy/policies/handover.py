@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Set
+    from collections.abc import Mapping
 
 
-class Change(NamedTuple):
+class Holdings(NamedTuple):
     """A policy's containers."""
 
-    before: Set[str]
-    after: Set[str]
+    before: frozenset[str]
+    after: frozenset[str]
 
 
 class Handover(NamedTuple):
@@ -25,16 +25,16 @@ class Handover(NamedTuple):
     again: list[str]
 
 
-def givers_first(changes: Mapping[str, Change]) -> Handover:
-    """The order of `changes`, but whoever gives a container up before the policy that takes it."""
-    givers = {container: policy for policy, (before, after) in changes.items() for container in before - after}
+def givers_first(holdings: Mapping[str, Holdings]) -> Handover:
+    """The order of `holdings`, but whoever gives a container up before the policy that takes it."""
+    givers = {container: policy for policy, (before, after) in holdings.items() for container in before - after}
     if not givers:
-        return Handover(list(changes), [])
+        return Handover(list(holdings), [])
     waits_for = {
         policy: {givers[container] for container in (after - before) & givers.keys()}
-        for policy, (before, after) in changes.items()
+        for policy, (before, after) in holdings.items()
     }
-    found, left = Handover([], []), dict.fromkeys(changes)
+    found, left = Handover([], []), dict.fromkeys(holdings)
     while left:
         policy = next((one for one in left if waits_for[one].isdisjoint(left)), None)
         if policy is None:
