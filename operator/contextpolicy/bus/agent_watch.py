@@ -172,17 +172,18 @@ class AgentWatch:
 
         One that is counted on already may be another by now, which has yet to prove itself as well.
         """
-        trusted = node in self.reports and _acts(self.reports[node])
-        if trusted or not _acts(report):
+        self._trials.pop(node, None)
+        if not _acts(report):
             self._set(node, report)
+            return
+        if _acts(self.reports.get(node, NO_ANSWER)):
+            self._set(node, report)
+            if node in self._proven or node in self._unconfirmed:
+                return
         else:
             self._trials[node] = report
-        if node in self._trials or (trusted and _acts(report) and not self._is_proving(node)):
-            self._listener.on_trial(node)
+        self._listener.on_trial(node)
         self._end_trial(node)
-
-    def _is_proving(self, node: str) -> bool:
-        return node in self._proven or node in self._unconfirmed
 
     def _end_trial(self, node: str) -> None:
         """Count on the node's agent if it was on trial, and has confirmed all that it had to."""
