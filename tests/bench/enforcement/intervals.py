@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,7 +49,8 @@ class Drawn:
         """See `Figures.hit`."""
         done = [self.figures.done(task, run, contexts) for run in self.figures.runs]
         hits, due = (self._counts @ np.array([one[place] for one in done]) for place in (0, 1))
-        return np.divide(hits, due, out=np.full(len(due), np.nan), where=due > 0)
+        rates: NDArray[np.float64] = np.divide(hits, due, out=np.full(len(due), np.nan), where=due > 0)
+        return rates
 
     def quantile(self, task: str, part: float) -> NDArray[np.float64]:
         """See `Figures.quantile`, in seconds."""
@@ -77,7 +79,8 @@ class Drawn:
         passed = np.cumsum(self._counts[:, order], axis=1)
         number = len(each)
         middle = [each[order][np.argmax(passed > place, axis=1)] for place in ((number - 1) // 2, number // 2)]
-        return (middle[0] + middle[1]) / 2
+        medians: NDArray[np.float64] = (middle[0] + middle[1]) / 2
+        return medians
 
 
 _AT_ONCE = 1000
@@ -96,7 +99,7 @@ class Paired:
         """Whether no run of another block lies between those of one block, as far as these cells are concerned."""
         runs = {place: block for one in self._cells for block, place in zip(one.blocks, one.places, strict=True)}
         order = [runs[place] for place in sorted(runs) if runs[place] in self.blocks]
-        changes = sum(one != other for one, other in zip(order, order[1:], strict=False))
+        changes = sum(one != other for one, other in pairwise(order))
         return changes == len(self.blocks) - 1
 
     @cached_property
