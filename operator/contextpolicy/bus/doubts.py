@@ -11,7 +11,7 @@ limit, which kubelets get wrong (kubernetes#125205)."""
 
 
 class Doubts:
-    """By node. Whose agent was counted on for LONGEST starts anew."""
+    """By node. Whose agent was counted on for LONGEST starts from the shortest pause again."""
 
     def __init__(self) -> None:
         self._times: dict[str, int] = {}

@@ -26,7 +26,7 @@ class Handover(NamedTuple):
 
 
 def givers_first(holdings: Mapping[str, Holdings]) -> Handover:
-    """The order of `holdings`, but whoever gives a container up before the policy that takes it."""
+    """The order of `holdings`, but the policy that gives a container up comes before the one that takes it."""
     givers = {container: policy for policy, (before, after) in holdings.items() for container in before - after}
     if not givers:
         return Handover(list(holdings), [])

@@ -243,7 +243,7 @@ def test_loss_of_other_tasks_is_reported_but_not_a_failure():
     assert losses_of_others(Planted(*STATIC), 1.3) == {}
 
 
-def test_static_divisions_that_serve_every_context_are_told_from_the_others():
+def test_static_divisions_that_serve_every_context_are_listed():
     find = Planted()
     find.misses[DEFAULT, "signs", "read"] = 50
     find.misses[PINNED, "signs", "read"] = [0, 0, 0, 0, 40]
