@@ -297,3 +297,12 @@ def test_stopped_agent_retries_nothing(node):
     node.kernel.allow()
     node.time.advance_by(LONG)
     assert node.tree.limit(node.slam) == 800
+
+
+def test_a_repeated_plan_leaves_a_value_that_another_writer_set_while_another_container_fails(node):
+    node.refuse(node.speech)
+    node.say("slam", "speech")
+    node.tree.set(node.slam, 300)
+    node.agent.on_other_write(node.slam_limit, monotonic())
+    assert failed(node.say("slam", "speech")) == {"b": "Busy"}
+    assert node.tree.limit(node.slam) == 300

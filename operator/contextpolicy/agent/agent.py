@@ -158,7 +158,7 @@ class Agent:
         """Something of this policy failed: carry out its newest order again, or undo again what it left."""
         order = self._orders.get(key)
         if order is not None:
-            self._confirm_late(key, self._obey(order, again=True))
+            self._confirm_late(key, self._obey(order))
         elif self._writers is not None:
             self._follow_up(key, self._writers.release(key))
 
@@ -205,10 +205,10 @@ class Agent:
                 self._writers = CgroupWriters(layout, self._ledger, self._watch, settings.priority, self._processors)
         return self._writers
 
-    def _obey(self, order: NodeOrder, *, again: bool = False) -> dict[str, str]:
+    def _obey(self, order: NodeOrder) -> dict[str, str]:
         """Carry out the order; returns the containers that did not get what they should have, and why.
 
-        Among them are those that it no longer names and that could not be undone. `again`: it is no new plan.
+        Among them are those that it no longer names and that could not be undone.
         """
         writers = self._equip()
         lacks = self._missing.get(order.scheduler) if order.targets else None
@@ -217,8 +217,10 @@ class Agent:
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
             return {target.container_id: "Incapable" for target in order.targets if target.container_id}
         groups, refused = self._targets.find(writers, order)
+        before = self._orders.get(order.policy)
         self._followed[order.policy] = groups
         self._orders[order.policy] = order
+        again = before is not None and before.stamp == order.stamp
         failures = self._carry_out(writers, order, groups, again=again)
         left = {
             writers.name(group): error.reason for group, error in outside(failures, self._followed.values()).items()

@@ -58,13 +58,14 @@ class Limits:
         """Set the policy's limits and undo any others it had. `held` ones are restored after every foreign write.
 
         `originals` are what each of them had before any policy: what undoing puts back, also if the API has agreed.
-        `again`: this is no new plan, and what an owner wrote since the first time stays.
+        `again`: this is no new plan, and what an owner wrote since the first time stays, where the limit is the same.
         """
-        if not again:
-            self._yielded.difference_update(self._wanted.get(policy, ()), limits)
+        before = self._wanted.get(policy, {})
+        news = {group for group in {*before, *limits} if not again or before.get(group, 0) != limits.get(group, 0)}
+        self._yielded -= news
         self._wanted[policy], self._held[policy] = limits, {*held, *map(pod_of, held)}
         self._originals[policy] = originals
-        failures = self._enforce(policy, new_plan=True)
+        failures = self._enforce(policy, news)
         wanted = self._files.paths(self._groups(policy))
         lost = {path: entry for path, entry in self._own(policy).items() if path not in wanted}
         failures |= self._undoing.undo(lost, self._containers())
@@ -155,18 +156,21 @@ class Limits:
         if all(entry.agreed for other, entry in entries if other.parent.parent == pod and other.name == name):
             self._ledger.close(pod / name)
 
-    def _enforce(self, policy: str, *, new_plan: bool = False) -> Failures:
+    def _enforce(self, policy: str, news: Collection[Path] | None = None) -> Failures:
         """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once.
 
-        A new plan overrides foreign writes; otherwise one that the watch has yet to report stands until then.
+        `news` are the containers of which a plan says something new, None without a plan. There it overrides foreign
+        writes; elsewhere one that the watch has yet to report stands until then.
         """
-        return self._write_once(policy, new_plan=new_plan) and self._write_once(policy, new_plan=new_plan)
+        return self._write_once(policy, news) and self._write_once(policy, news)
 
-    def _write_once(self, policy: str, *, new_plan: bool) -> Failures:
-        by_pod, failures = self._now_and_wanted(policy, new_plan=new_plan)
+    def _write_once(self, policy: str, news: Collection[Path] | None) -> Failures:
+        by_pod, failures = self._now_and_wanted(policy, news)
         return failures | self._write(policy, self._current.pods(by_pod, failures))
 
-    def _now_and_wanted(self, policy: str, *, new_plan: bool) -> tuple[dict[Path, ContainerLimits], Failures]:
+    def _now_and_wanted(
+        self, policy: str, news: Collection[Path] | None
+    ) -> tuple[dict[Path, ContainerLimits], Failures]:
         """What the policy's containers have and should have, by pod; and those whose current limit can't be read."""
         by_pod: dict[Path, ContainerLimits] = defaultdict(dict)
         failures: Failures = {}
@@ -177,9 +181,9 @@ class Limits:
                 self._current.lose(group, error)
                 failures[group] = error
             else:
-                if group not in self._yielded and (new_plan or not self._files[group].unheard):
+                if group not in self._yielded and (group in (news or ()) or not self._files[group].unheard):
                     by_pod[pod_of(group)][group] = (now, now if self._is_rounded(policy, group, now) else share)
-                if new_plan and now == share:
+                if news is not None and now == share:
                     self._remember(policy, group)
         return by_pod, failures
 

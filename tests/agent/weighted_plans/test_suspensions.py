@@ -87,3 +87,24 @@ def test_suspended_task_stays_capped_across_an_agent_restart(node, agreed):
     assert node.limits() == (500, 10)
     node.wait(1)
     assert node.limits() == (500, 10)
+
+
+def test_the_end_of_a_drain_leaves_a_value_that_another_writer_set_elsewhere(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.kubelet(node.slam, 300)
+    node.wait(DRAIN + 0.1)
+    assert node.limits() == (300, 10)
+
+
+def test_the_end_of_a_drain_leaves_a_value_that_the_watch_has_yet_to_report(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.tree.set(node.slam, 300)
+    node.wait(DRAIN + 0.1)
+    assert node.limits() == (300, 10)
+
+
+def test_a_drained_task_is_capped_whatever_another_writer_set_meanwhile(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.kubelet(node.speech, 300)
+    node.wait(DRAIN + 0.1)
+    assert node.limits() == (500, 10)
