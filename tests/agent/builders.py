@@ -189,6 +189,7 @@ def a_target(identity: str = SLAM, cores: float = 0.5, *, task: str = "slam", **
 
 def a_message(*targets, sequence: int = 1, capacity: float = 1.0, suspended: tuple[str, ...] = (), **more):
     tasks = {target["task"]: {"share": target["cores"], "suspended": target["task"] in suspended} for target in targets}
+    weighted = any(target["weight"] is not None for target in targets)
     message = {
         "policy": POLICY,
         "run": 1,
@@ -196,7 +197,7 @@ def a_message(*targets, sequence: int = 1, capacity: float = 1.0, suspended: tup
         "edition": 0,
         "mode": "Enforce",
         "scheduler": "CFS",
-        "control": "Limit",
+        "control": "Weight" if weighted else "Limit",
         "realtime": {"policy": "RR", "period": 0.1},
         "tasks": tasks,
         "nodes": {NODE: {"capacity": capacity, "scheduler": more.get("scheduler", "CFS"), "tasks": {}}},

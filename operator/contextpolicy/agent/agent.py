@@ -230,7 +230,7 @@ class Agent:
     def _carry_out(
         self, writers: CgroupWriters, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, again: bool
     ) -> Failures:
-        resting = [group for group, target in groups.items() if target.weight == 0]
+        resting = [group for group, target in groups.items() if order.drains and target.suspended]
         failures = writers.apply(order, groups, self._drains.rest(order.policy, resting), again=again)
         self._follow_up(order.policy, failures)
         return failures

@@ -11,7 +11,7 @@ from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
 from contextpolicy.bus.plan_message import LARGEST_PLAN, MOST_CORES
 from contextpolicy.errors import OrderError
 from contextpolicy.policy.bandwidth import LONGEST, PERIOD, SHORTEST
-from contextpolicy.policy.spec import Mode, RealtimePolicy, Scheduler
+from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
 
 if TYPE_CHECKING:
     from contextpolicy.cluster.agent_reports import Stamp
@@ -57,7 +57,8 @@ class Manner:
 class NodeOrder:
     """What one policy wants of one node; `stamp` only grows while its source lives.
 
-    `capacity` is what the policy divides, in thousandths of a core.
+    `capacity` is what the policy divides, in thousandths of a core. `drains`: suspended tasks may first
+    finish the input that they are at, whatever their pods' class: under Weight.
     """
 
     policy: str
@@ -67,6 +68,7 @@ class NodeOrder:
     capacity: int
     targets: tuple[OrderTarget, ...]
     manner: Manner = field(default_factory=Manner)
+    drains: bool = False
 
     @property
     def namespace(self) -> str:
@@ -117,6 +119,7 @@ class _Message(msgspec.Struct):
     sequence: _Count
     mode: Mode
     scheduler: Scheduler
+    control: Control
     realtime: _Realtime
     tasks: dict[str, _Task]
     nodes: dict[str, _Node]
@@ -140,14 +143,16 @@ def read(payload: bytes, policy: str, node: str) -> NodeOrder:
 
 def _order(message: _Message, node: str) -> NodeOrder:
     own, tasks = message.nodes.get(node), message.tasks
+    scheduler = (own and own.scheduler) or message.scheduler
     return NodeOrder(
         policy=message.policy,
         stamp=(message.run, message.sequence, message.edition),
         mode=message.mode,
-        scheduler=(own and own.scheduler) or message.scheduler,
+        scheduler=scheduler,
         capacity=round(own.capacity * 1000) if own else 0,
         targets=tuple(_target(t, tasks[t.task]) for t in message.targets if t.node == node),
         manner=Manner(round(message.realtime.period * 1e6), message.realtime.policy),
+        drains=message.control is Control.WEIGHT and scheduler is Scheduler.CFS,
     )
 
 

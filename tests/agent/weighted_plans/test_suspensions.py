@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.agent.drains import DRAIN
+from tests.agent.builders import CHAT, POLICY, a_message, a_target
 from tests.agent.weighted_plans.node import ACTIVE, ASLEEP
 
 
@@ -108,3 +109,25 @@ def test_a_drained_task_is_capped_whatever_another_writer_set_meanwhile(node):
     node.kubelet(node.speech, 300)
     node.wait(DRAIN + 0.1)
     assert node.limits() == (500, 10)
+
+
+def suspend_chat(node, qos, **more):
+    """Its pod has no weight that a plan could move."""
+    chat = node.tree.container(CHAT, qos=qos)
+    target = a_target(CHAT, 0.01, task="chat", qos=qos)
+    node.agent.hear(POLICY, a_message(target, suspended=("chat",), **more))
+    return chat
+
+
+@pytest.mark.parametrize("qos", ["BestEffort", "Guaranteed"])
+def test_a_suspended_task_without_a_weight_has_its_drain_time_too(node, qos):
+    chat = suspend_chat(node, qos, control="Weight")
+    node.wait(DRAIN - 0.01)
+    assert node.tree.limit(chat) == 500
+    node.wait(0.02)
+    assert node.tree.limit(chat) == 10
+
+
+@pytest.mark.parametrize("control", ["Suspend", "Limit"])
+def test_other_controls_cap_a_suspended_task_at_once(node, control):
+    assert node.tree.limit(suspend_chat(node, "Burstable", control=control)) == 10
