@@ -34,10 +34,10 @@ def make(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "amount", "text"),
     [
-        ("cfs v1", 990, "99000"),
-        ("cfs v1", 10, "1000"),
-        ("cfs v1", 1, "1000"),
-        ("cfs v1, period of 20 ms", 500, "10000"),
+        ("cfs v1", 990, "99000 100000"),
+        ("cfs v1", 10, "1000 100000"),
+        ("cfs v1", 1, "1000 100000"),
+        ("cfs v1, period of 20 ms", 500, "10000 20000"),
         ("cfs v2", 1500, "150000 100000"),
         ("realtime v1", 475, "475000"),
         ("realtime v1", 0, "0"),
@@ -52,7 +52,8 @@ def test_an_amount_is_time_per_period(make, kind, amount, text):
     ("kind", "text", "amount"),
     [
         ("cfs v1", "99000", 990),
-        ("cfs v1", "-1", None),
+        ("cfs v1", "-1 100000", None),
+        ("cfs v1", "10000 20000", 500),
         ("cfs v2", "max 100000", None),
         ("cfs v2", "41700 100000", 417),
         ("realtime v1", "950000", 950),
@@ -70,6 +71,18 @@ def test_shorter_value_overwrites_a_longer_one(make, kind):
     for amount in (990, 10, 700):
         file.write(file.text(amount))
         assert file.read() == file.text(amount)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "content"),
+    [("cfs v1", "cpu.cfs_period_us", "20000\n"), ("cfs v2", "cpu.max", "max 20000\n")],
+)
+def test_a_period_that_others_change_is_that_of_the_next_text(make, tmp_path, kind, name, content):
+    file = make(kind)
+    file.read()
+    (tmp_path / name).write_text(content)
+    file.read()
+    assert file.text(500) == "10000 20000"
 
 
 def test_a_group_that_is_not_there_is_gone(tmp_path):
@@ -111,7 +124,7 @@ def test_files_open_once_and_close_when_unused(tmp_path, make):
     files = ControlFiles(CFS[1], watch)
     assert files[tmp_path] is files[tmp_path]
     files.keep([tmp_path])
-    assert watch.paths == {tmp_path / "cpu.cfs_quota_us"}
+    assert watch.paths == {tmp_path / "cpu.cfs_quota_us", tmp_path / "cpu.cfs_period_us"}
     files.keep([])
     assert watch.paths == set()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -37,19 +38,24 @@ _REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """How a bandwidth is written: "time period" in one file (version 2) or a file for each (1), in microseconds."""
+    """How a bandwidth is written: "time period" in one file (version 2) or a file for each (1), in microseconds.
+
+    Where the period `moves` it is others', and a part of each text that is read, also in version 1.
+    """
 
     file: str
     period_file: str
     unlimited: str
     least: int
+    moves: bool = False
 
 
 CFS = {
-    1: Format("cpu.cfs_quota_us", "cpu.cfs_period_us", "-1", 1000),
-    2: Format("cpu.max", "", "max", 1000),
+    1: Format("cpu.cfs_quota_us", "cpu.cfs_period_us", "-1", 1000, moves=True),
+    2: Format("cpu.max", "", "max", 1000, moves=True),
 }
-"""CPU limits; the kernel's smallest quota is 1 ms."""
+"""CPU limits; the kernel's smallest quota is 1 ms. A kubelet that was restarted with another cpuCFSQuotaPeriod gives
+that to each container that it resizes."""
 
 REALTIME = {
     1: Format("cpu.rt_runtime_us", "cpu.rt_period_us", "-1", 0),
@@ -78,7 +84,7 @@ class OpenFile:
     def read(self) -> str:
         """The file's text."""
         try:
-            self.seen = os.pread(self._descriptor, 64, 0).decode().partition("\n")[0]
+            self.seen = self._text()
         except OSError as error:
             raise _failure(self.path, error) from error
         self._known = self._known or self.seen
@@ -97,7 +103,7 @@ class OpenFile:
     def write(self, text: str) -> None:
         """Write `text`; ActuationError says why the kernel refuses it."""
         try:
-            os.pwrite(self._descriptor, f"{text}\n".encode(), 0)
+            os.pwrite(self._descriptor, f"{self._content(text)}\n".encode(), 0)
         except OSError as error:
             failure = _failure(self.path, error)
             WRITES.labels(failure.reason).inc()
@@ -109,6 +115,18 @@ class OpenFile:
         """Close the file."""
         os.close(self._descriptor)
 
+    @property
+    def watched(self) -> list[Path]:
+        """The files whose change by others is news."""
+        return [self.path]
+
+    def _text(self) -> str:
+        return _line(self._descriptor)
+
+    def _content(self, text: str) -> str:
+        """What has to be in the file for `read` to find the text."""
+        return text
+
 
 class ControlFile(OpenFile):
     """The file of a bandwidth. Amounts are thousandths of the period, None is no limit."""
@@ -116,12 +134,36 @@ class ControlFile(OpenFile):
     def __init__(self, group: Path, form: Format) -> None:
         super().__init__(group / form.file)
         self._form = form
+        self._period_descriptor: int | None = None
+        """Where the period has a file of its own, which others may write."""
         try:
             text = (group / (form.period_file or form.file)).read_text()
+            if form.moves and form.period_file:
+                self._period_descriptor = os.open(group / form.period_file, os.O_RDONLY | os.O_CLOEXEC)
         except OSError as error:
             self.close()
             raise _failure(self.path, error) from error
         self.period = int(text.partition("\n")[0].split()[-1])
+
+    def close(self) -> None:
+        """Close the file, and that of its period."""
+        super().close()
+        if self._period_descriptor is not None:
+            os.close(self._period_descriptor)
+
+    @property
+    def watched(self) -> list[Path]:
+        """The files whose change by others is news."""
+        period = self.period_path if self._form.moves else None
+        return [self.path, *([period] if period else [])]
+
+    def is_news(self, path: Path) -> bool:
+        """Whether a write of one of the `watched` files may be news: each resize writes the period, mostly the same."""
+        if path == self.path or self._period_descriptor is None:
+            return True
+        with suppress(OSError):
+            return _line(self._period_descriptor) != str(self.period)
+        return True
 
     def amount(self, text: str) -> int | None:
         """The amount that a text means, rounded up, so that it reverses the rounding down of `text`."""
@@ -131,7 +173,7 @@ class ControlFile(OpenFile):
     def text(self, amount: int | None) -> str:
         """The text of an amount, no less than the kernel's minimum."""
         time = self._form.unlimited if amount is None else str(max(self._form.least, amount * self.period // 1000))
-        return time if self._form.period_file else f"{time} {self.period}"
+        return f"{time} {self.period}" if self._form.moves or not self._form.period_file else time
 
     def scaled(self, text: str, period: int) -> str:
         """The text of the same fraction of another period, in microseconds, rounded down."""
@@ -153,6 +195,17 @@ class ControlFile(OpenFile):
             except OSError as error:
                 raise _failure(self.period_path, error) from error
         self.period = period
+
+    def _text(self) -> str:
+        text = super()._text()
+        if self._period_descriptor is not None:
+            text = f"{text} {_line(self._period_descriptor)}"
+        if self._form.moves:
+            self.period = int(text.rpartition(" ")[2])
+        return text
+
+    def _content(self, text: str) -> str:
+        return text if self._period_descriptor is None else text.partition(" ")[0]
 
 
 File = TypeVar("File", bound=OpenFile)
@@ -191,7 +244,8 @@ class OpenFiles(Generic[File]):
         if file is None:
             file = self._open[group] = self._open_file(group)
             try:
-                self._watch.add(file.path)
+                for path in file.watched:
+                    self._watch.add(path)
             except OSError as error:
                 self.close(group)
                 raise _failure(file.path, error) from error
@@ -210,7 +264,8 @@ class OpenFiles(Generic[File]):
         """Close the group's file, if it is open."""
         file = self._open.pop(group, None)
         if file is not None:
-            self._watch.remove(file.path)
+            for path in file.watched:
+                self._watch.remove(path)
             file.close()
 
 
@@ -263,6 +318,10 @@ def children(group: Path) -> list[Path]:
         return [Path(entry.path) for entry in os.scandir(group) if entry.is_dir(follow_symlinks=False)]
     except OSError:
         return []
+
+
+def _line(descriptor: int) -> str:
+    return os.pread(descriptor, 64, 0).decode().partition("\n")[0]
 
 
 def _failure(path: Path, error: OSError) -> ActuationError:

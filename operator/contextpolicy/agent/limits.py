@@ -104,9 +104,12 @@ class Limits:
 
     def on_other_write(self, path: Path, heard: float) -> Failures:
         """Another process wrote a file that we watch, as we `heard` then; the package's docstring has the rules."""
+        written, path = path, path.parent / self._files.form.file
         entry = self._ledger.entries.get(path)
         try:
             file = self._files[path.parent]
+            if not file.is_news(written):
+                return {}
             text = file.heed()
         except ActuationError as error:
             self._current.lose(path.parent, error)
