@@ -57,7 +57,8 @@ class Limits:
     ) -> Failures:
         """Set the policy's limits and undo any others it had. `held` ones are restored after every foreign write.
 
-        `originals` are what each of them had before any policy: what undoing puts back, also if the API has agreed.
+        `originals` are the API's limits from before any policy: what undoing puts back, also if the API has agreed. A
+        limit that is the original is what the container had, also where the kernel has another (`_original`).
         `again`: this is no new plan, and what an owner wrote since the first time stays, where the limit is the same.
         """
         before = self._wanted.get(policy, {})
@@ -95,7 +96,7 @@ class Limits:
             file = self._files[group]
             entry = self._ledger.entries.get(file.path)
             unsure = entry is not None and (entry.inherited or entry.overtook)
-            if unsure and file.text(limit) == file.read():
+            if unsure and file.read() == file.text(limit):
                 self._agree(file.path, file.seen)
 
     def knows(self, group: Path) -> bool:
@@ -133,7 +134,7 @@ class Limits:
         """Keep a foreign value until the next plan, or until its owner writes the plan's."""
         group = path.parent
         for policy, wanted in self._wanted.items():
-            if group in wanted and text != self._files[group].text(wanted[group]):
+            if group in wanted and text != self._files[group].text(self._limit(policy, group)):
                 log.info("%s: external write of %s; yielding until the next plan", path, text)
                 self._yielded.add(group)
             elif group in wanted:
@@ -177,13 +178,14 @@ class Limits:
         """What the policy's containers have and should have, by pod; and those whose current limit can't be read."""
         by_pod: dict[Path, ContainerLimits] = defaultdict(dict)
         failures: Failures = {}
-        for group, share in self._wanted[policy].items():
+        for group in self._wanted[policy]:
             try:
                 now = self._current.of(group)
             except ActuationError as error:
                 self._current.lose(group, error)
                 failures[group] = error
             else:
+                share = self._limit(policy, group)
                 if group not in self._yielded and (group in (news or ()) or not self._files[group].unheard):
                     by_pod[pod_of(group)][group] = (now, now if self._is_rounded(policy, group, now) else share)
                 if news is not None and now == share:
@@ -195,18 +197,36 @@ class Limits:
 
         Of a share that was written last, or that is the original: else it is an earlier limit that looks like it.
         """
-        share = self._wanted[policy][group]
+        share = self._limit(policy, group)
         if share is None or now != -(-share // QUANTUM) * QUANTUM:
             return False
         file = self._files[group]
         entry = self._ledger.entries.get(file.path)
         written = file.ours or (entry.ours if entry else "")
-        return file.text(share) == written if written else share == self._originals[policy][group]
+        return file.text(share) == written if written else share == self._original(policy, group)
+
+    def _limit(self, policy: str, group: Path) -> int | None:
+        """What the container should have, once its file has been read."""
+        share = self._wanted[policy][group]
+        return self._original(policy, group) if share == self._originals[policy][group] else share
+
+    def _original(self, policy: str, group: Path) -> int | None:
+        """What the container had before any policy, once its file has been read.
+
+        That is what the kubelet made of the API's limit: nothing for a container with processors of its own (static CPU
+        manager, since Kubernetes 1.33), nor with `cpuCFSQuota: false`. No policy takes a limit away, so that a file
+        without one and without an entry in the ledger tells, and the ledger from then on.
+        """
+        file = self._files[group]
+        entry = self._ledger.entries.get(file.path)
+        found = file.seen if entry is None else entry.original
+        is_free = found is not None and file.amount(found) is None
+        return None if is_free else self._originals[policy][group]
 
     def _remember(self, policy: str, group: Path) -> None:
         """What the policy wants is in force already: its undoing is ours as well."""
         file = self._files[group]
-        original = file.text(self._originals[policy][group])
+        original = file.text(self._original(policy, group))
         self._ledger.remember(file.path, policy, now=file.seen, original=original, held=self._holds(group))
 
     def _keep(self) -> None:
@@ -239,8 +259,8 @@ class Limits:
             (self._ledger.close if error.reason == GONE else self._ledger.retract)(path)
 
     def _intend(self, policy: str, file: ControlFile, amount: int | None) -> None:
-        group, originals = file.path.parent, self._originals[policy]
-        original = file.text(originals[group]) if group in originals else None
+        group = file.path.parent
+        original = file.text(self._original(policy, group)) if group in self._originals[policy] else None
         held = self._holds(group)
         self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held, original=original)
         if file.unheard:
