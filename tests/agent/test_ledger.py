@@ -21,11 +21,12 @@ def disk(tmp_path):
 
 def test_journal_survives_a_restart(disk):
     ledger = Ledger(disk)
-    ledger.intend(FILE, "robot/delivery", now="50000", ours="1000", held=True, original="70000")
+    ledger.intend(FILE, "robot/delivery", now="50000", ours="1000", held=True, original="70000", in_owned=True)
     ledger.save()
     heir = Ledger(disk)
     heir.load()
-    assert heir.entries == {FILE: Entry("robot/delivery", "50000", "1000", held=True, inherited=True, original="70000")}
+    entry = Entry("robot/delivery", "50000", "1000", held=True, inherited=True, original="70000", in_owned=True)
+    assert heir.entries == {FILE: entry}
 
 
 def test_first_write_records_the_external_value(disk):
@@ -48,11 +49,11 @@ DAMAGES = [
     *(
         f'["/a", ["p", {values}]]'
         for values in (
-            '"x y", "1", false, [], null',
-            '"1", 5, false, [], null',
-            '"1", "2", false, [], "x y"',
-            '"1", "2", false, ["5 0"], null',
-            '"1", "2", false, 5, null',
+            '"x y", "1", false, [], null, false',
+            '"1", 5, false, [], null, false',
+            '"1", "2", false, [], "x y", false',
+            '"1", "2", false, ["5 0"], null, false',
+            '"1", "2", false, 5, null, false',
         )
     ),
 ]

@@ -163,6 +163,12 @@ def test_an_invalid_message_is_refused(changes):
         read(a_message(a_target(), **changes), POLICY, NODE)
 
 
+@pytest.mark.parametrize(("cores", "taken"), [(0.6, 600), (0.0, None), (None, None)])
+def test_an_order_has_the_limit_of_a_pod_as_a_whole(cores, taken):
+    [target] = read(a_message(a_target(podLimit=cores)), POLICY, NODE).targets
+    assert target.pod_limit == taken
+
+
 @pytest.mark.parametrize("field", ["quota", "original", "limit"])
 @pytest.mark.parametrize(
     ("cores", "taken"), [(1500.0, 1_024_000), (1024.0, 1_024_000), (0.0, None), (0.0001, 1), (None, None)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from pathlib import Path
 
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from contextpolicy.agent.steps import LimitStep, PodLimits, budget_steps, budgets, limit_steps
@@ -40,9 +40,26 @@ def test_a_container_without_limit_gets_one_among_the_decreases():
     assert limit_steps(pods) == [LimitStep(A, 200), LimitStep(C, 500)]
 
 
-def test_removing_a_container_limit_removes_the_pods_first():
-    pods = [PodLimits(POD, 500, 100, {A: (400, None)})]
-    assert limit_steps(pods) == [LimitStep(POD, None), LimitStep(A, None)]
+def test_a_container_without_limit_has_that_of_its_pod():
+    """The kubelet limits such a pod only if it has a limit of its own."""
+    assert limit_steps([PodLimits(POD, 500, 100, {A: (400, None), B: (50, 600)})]) == [
+        LimitStep(A, 500),
+        LimitStep(B, 500),
+    ]
+
+
+def test_containers_without_limit_that_the_driver_has_rounded_otherwise_are_left():
+    assert limit_steps([PodLimits(POD, 420, 0, {A: (417, None)})]) == []
+
+
+def test_a_pod_with_a_limit_of_its_own_keeps_it_and_its_containers_are_within():
+    pods = [PodLimits(POD, 600, 300, {A: (300, 990), B: (200, 100)}, owned=True)]
+    assert limit_steps(pods) == [LimitStep(B, 100), LimitStep(A, 600)]
+
+
+def test_a_pod_with_a_limit_of_its_own_that_nobody_enforces_bounds_nothing():
+    pods = [PodLimits(POD, None, 0, {A: (300, 990), B: (300, None)}, owned=True)]
+    assert limit_steps(pods) == [LimitStep(A, 990), LimitStep(B, None)]
 
 
 def test_correct_values_are_not_rewritten():
@@ -54,6 +71,7 @@ def test_no_step_breaks_a_pod_limit_or_exceeds_the_larger_sum(shares, others):
     containers = {POD / str(number): pair for number, pair in enumerate(shares)}
     now = {group: before for group, (before, _) in containers.items()}
     pod = None if None in now.values() else sum(now.values()) + others
+    assume(pod is None or None not in [wanted for _, wanted in shares])
     most = max(total(now), total({group: wanted for group, (_, wanted) in containers.items()}))
     for step in limit_steps([PodLimits(POD, pod, others, containers)]):
         if step.group == POD:
@@ -64,6 +82,20 @@ def test_no_step_breaks_a_pod_limit_or_exceeds_the_larger_sum(shares, others):
         assert total(now) <= most
     assert now == {group: wanted for group, (_, wanted) in containers.items()}
     assert total(now) + others <= total({POD: pod})
+
+
+@given(st.lists(st.tuples(LIMIT, LIMIT), min_size=1, max_size=6), st.integers(0, 300), LIMIT)
+def test_a_pod_with_a_limit_of_its_own_is_never_written_nor_exceeded(shares, others, pod):
+    now = {POD / str(number): before for number, (before, _) in enumerate(shares)}
+    wanted = {POD / str(number): after for number, (_, after) in enumerate(shares)}
+    containers = {group: (now[group], wanted[group]) for group in now}
+    for step in limit_steps([PodLimits(POD, pod, others, containers, owned=True)]):
+        assert step.group in now
+        assert total({POD: step.amount}) <= total({POD: pod})
+        now[step.group] = step.amount
+    for group, limit in wanted.items():
+        least = min(total({POD: limit}), total({POD: pod}))
+        assert least - 10 < total({POD: now[group]}) <= least or now[group] == limit
 
 
 def total(limits):

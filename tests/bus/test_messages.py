@@ -82,6 +82,7 @@ def test_message_has_every_field_that_readers_need(story):
                 "quota": cores,
                 "held": False,
                 "original": 0.5,
+                "podLimit": None,
                 "limit": 0.5,
             }
             for task, cores in (("slam", 1.99), ("speech", 0.01))
@@ -136,6 +137,13 @@ def test_excessive_limit_is_capped(story):
     [target] = message(POLICY, 1, story.last, containers, [view(pod)])["targets"]
     assert (target["original"], target["limit"]) == (MOST_CORES, MOST_CORES)
     assert written(Control.WEIGHT, containers[1], speed=0.0)[1] == MOST_CORES
+
+
+def test_the_limit_of_a_pod_as_a_whole_is_sent(story):
+    pod = a_pod("slam")
+    pod["spec"]["resources"] = {"limits": {"cpu": "600m"}}
+    [target] = message(POLICY, 1, story.last, CONTAINERS, [view(pod)])["targets"]
+    assert target["podLimit"] == 0.6
 
 
 def test_without_a_limit_there_is_no_quota_while_the_task_is_active():

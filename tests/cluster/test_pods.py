@@ -212,7 +212,9 @@ def test_a_pod_that_has_resources_only_as_a_whole_gets_advice_of_its_own():
         "slam/slam has no CPU limit of its own, only its pod as a whole has one (spec.resources)"
     )
     assert view(pod).obstacle(container, agent=True) is None
+    assert view(pod).limit == 1000
     pod["spec"]["resources"] = {"limits": {"memory": "1Gi"}}
+    assert view(pod).limit is None
     assert "has no CPU limit, and Kubernetes can't remove" in (view(pod).obstacle(container) or "")
 
 

@@ -17,6 +17,10 @@ a little sooner. For each file that it wrote the ledger keeps `theirs`, what any
   of what was there before. The entry stays open.
 - anything else: a decision of the owner. The value stays until the next plan; nothing is left to undo.
 
+Pods grow with their containers, as their limit is the sum of these. One with a limit of its own (`spec.resources`) does
+not: that is never written, no container in the pod gets more, and one without a limit has the pod's, as the kubelet
+writes it. So the pod's file says what to put back there, also after its owner has changed it.
+
 To undo is to put back the original, the limit that the container had before any policy: the plan says which. A pod, and
 a container whose original is unknown, gets `theirs`. Files that hold neither `ours` nor `theirs` by now are left alone.
 That happens when a plan no longer names the container, when the policy leaves Enforce or is deleted, and when the

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.agent import weight_units
+from contextpolicy.agent.cgroup_paths import pod_of
 from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles, Unwatched
 from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.agent.limits import Limits
@@ -75,8 +76,8 @@ class CgroupWriters:
         failures = self._weights.apply(order.policy, weights)
         quotas = {group: target.quota for group, target in groups.items() if group not in draining}
         quotas |= self._limits.standing(order.policy, draining)
-        held = {group for group in _held(groups) if group not in draining}
-        failures |= self._limits.apply(order.policy, quotas, held, _originals(groups), again=again)
+        held, owned = {group for group in _held(groups) if group not in draining}, _owned(groups)
+        failures |= self._limits.apply(order.policy, quotas, held, _originals(groups), owned=owned, again=again)
         return self._realtime.release(order.policy) | failures
 
     def release(self, policy: str, *, leave_agreed: bool = False) -> Failures:
@@ -92,7 +93,8 @@ class CgroupWriters:
     def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, again: bool) -> Failures:
         # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
         resting = {group: target.quota or QUANTUM for group, target in groups.items() if target.suspended}
-        failures = self._limits.apply(order.policy, resting, resting, _originals(groups), again=again)
+        originals, owned = _originals(groups), _owned(groups)
+        failures = self._limits.apply(order.policy, resting, resting, originals, owned=owned, again=again)
         failures |= self._weights.release(order.policy)
         processors = self._processors()
         parts = {group: target.part(processors) for group, target in groups.items()}
@@ -101,6 +103,10 @@ class CgroupWriters:
 
 def _held(groups: Mapping[Path, OrderTarget]) -> set[Path]:
     return {group for group, target in groups.items() if target.held}
+
+
+def _owned(groups: Mapping[Path, OrderTarget]) -> set[Path]:
+    return {pod_of(group) for group, target in groups.items() if target.pod_limit is not None}
 
 
 def _originals(groups: Mapping[Path, OrderTarget]) -> dict[Path, int | None]:

@@ -40,12 +40,17 @@ class CurrentLimits:
         """Whether a pod's limit is no less than the sum of its containers'; always true of a container's."""
         return limit is None or not is_pod(group) or self.beside(group, ()) <= limit
 
-    def pods(self, by_pod: Mapping[Path, ContainerLimits], failures: Failures) -> list[PodLimits]:
-        """The pods with all that their limits depend on; those that can't be read become `failures`."""
+    def pods(
+        self, by_pod: Mapping[Path, ContainerLimits], owned: Collection[Path], failures: Failures
+    ) -> list[PodLimits]:
+        """The pods with all that their limits depend on; those that can't be read become `failures`.
+
+        `owned` are pods with a limit of their own.
+        """
         pods = []
         for pod, containers in by_pod.items():
             try:
-                pods.append(PodLimits(pod, self.of(pod), self.beside(pod, containers), containers))
+                pods.append(PodLimits(pod, self.of(pod), self.beside(pod, containers), containers, pod in owned))
             except ActuationError as error:
                 self.lose(pod, error)
                 failures[pod] = error

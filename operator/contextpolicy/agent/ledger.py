@@ -36,7 +36,8 @@ class Entry:
     failed: the file then holds an earlier value. `overtook` says that the watch has yet to report a write before ours,
     which is not ours confirmed. In both cases only the next plan shows whether a resize has confirmed it since.
     `original` is what the file held before any policy, where the plan says so. Such an entry stays open when the API
-    agrees: `theirs` is then the same as `ours`.
+    agrees: `theirs` is then the same as `ours`. `in_owned`: the container's pod has a limit of its own, which is not
+    written, also to undo.
     """
 
     policy: str
@@ -47,6 +48,7 @@ class Entry:
     overtook: bool = False
     earlier: set[str] = field(default_factory=set)
     original: str | None = None
+    in_owned: bool = False
 
     @property
     def agreed(self) -> bool:
@@ -106,13 +108,21 @@ class Ledger:
         return {path: entry for path, entry in self.entries.items() if entry.policy == policy}
 
     def intend(  # noqa: PLR0913 - all that an entry says
-        self, path: Path, policy: str, *, now: str, ours: str, held: bool = False, original: str | None = None
+        self,
+        path: Path,
+        policy: str,
+        *,
+        now: str,
+        ours: str,
+        held: bool = False,
+        original: str | None = None,
+        in_owned: bool = False,
     ) -> None:
         """We are about to write `ours` over `now`; the caller must `save` before it does."""
         entry = self.entries.get(path)
         self._changed.add(path)
         if entry is None:
-            self.entries[path] = Entry(policy, now, ours, held, original=original)
+            self.entries[path] = Entry(policy, now, ours, held, original=original, in_owned=in_owned)
             return
         if entry.inherited and now not in {entry.ours, *entry.earlier}:
             entry.theirs = now  # another process wrote while no agent ran
@@ -120,17 +130,19 @@ class Ledger:
             entry.earlier = {now, entry.ours}
         elif entry.ours != ours:
             entry.earlier.add(entry.ours)
-        entry.policy, entry.ours, entry.held, entry.original = policy, ours, held, original
+        entry.policy, entry.ours, entry.held, entry.original, entry.in_owned = policy, ours, held, original, in_owned
         entry.inherited = entry.overtook = False
 
-    def remember(self, path: Path, policy: str, *, now: str, original: str, held: bool = False) -> None:
+    def remember(  # noqa: PLR0913 - all that an entry says
+        self, path: Path, policy: str, *, now: str, original: str, held: bool = False, in_owned: bool = False
+    ) -> None:
         """The policy wants what the file holds already; `original` is what to put back in the end."""
-        entry = self.entries.get(path)
+        entry, said = self.entries.get(path), (policy, held, original, in_owned)
         if entry is None and now != original:
-            self.entries[path] = Entry(policy, now, now, held, original=original)
+            self.entries[path] = Entry(policy, now, now, held, original=original, in_owned=in_owned)
             self._changed.add(path)
-        elif entry is not None and (entry.policy, entry.held, entry.original) != (policy, held, original):
-            entry.policy, entry.held, entry.original = policy, held, original
+        elif entry is not None and (entry.policy, entry.held, entry.original, entry.in_owned) != said:
+            entry.policy, entry.held, entry.original, entry.in_owned = said
             self._changed.add(path)
 
     def agree(self, path: Path, text: str) -> None:
@@ -211,17 +223,26 @@ class Ledger:
 
     def _line(self, path: Path) -> bytes:
         entry = self.entries.get(path)
-        content = entry and (entry.policy, entry.theirs, entry.ours, entry.held, sorted(entry.earlier), entry.original)
+        content = entry and (
+            entry.policy,
+            entry.theirs,
+            entry.ours,
+            entry.held,
+            sorted(entry.earlier),
+            entry.original,
+            entry.in_owned,
+        )
         return msgspec.json.encode((str(path), content)) + b"\n"
 
-    def _replay(self, path: str, entry: tuple[str, str, str, bool, list[str], str | None] | None) -> None:
+    def _replay(self, path: str, entry: tuple[str, str, str, bool, list[str], str | None, bool] | None) -> None:
         if not path.startswith("/") or b"\0" in os.fsencode(path):
             raise ValueError(f"{path!r}: expected an absolute path")
         if entry is None:
             self.entries.pop(Path(path), None)
         else:
-            policy, theirs, ours, held, earlier, original = entry
+            policy, theirs, ours, held, earlier, original, in_owned = entry
             inherited = Entry(str(policy), _amount(theirs), _amount(ours), held is True, inherited=True)
+            inherited.in_owned = in_owned is True
             inherited.earlier = {_amount(text) for text in earlier}
             inherited.original = None if original is None else _amount(original)
             self.entries[Path(path)] = inherited

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
     from pathlib import Path
 
-    from contextpolicy.agent.control_files import ControlFiles
+    from contextpolicy.agent.control_files import ControlFile, ControlFiles
     from contextpolicy.agent.current_limits import ContainerLimits, CurrentLimits
     from contextpolicy.agent.ledger import Entry, Ledger
 
@@ -67,7 +67,7 @@ class LimitUndo:
         return group in {path.parent.parent for path in open_entries} | {pod_of(container) for container in wanted}
 
     def _restore(self, entries: Mapping[Path, Entry]) -> Failures:
-        """Put back containers' originals; their pods only grow, as for a plan."""
+        """Put back containers' originals; as for a plan, their pods only grow, or keep a limit of their own."""
         by_pod: dict[Path, ContainerLimits] = defaultdict(dict)
         failures: Failures = {}
         for path, entry in entries.items():
@@ -79,7 +79,8 @@ class LimitUndo:
             else:
                 if entry.knows(self._files[group].seen):
                     by_pod[pod_of(group)][group] = (now, self._files[group].amount(entry.original or ""))
-        for step in limit_steps(self._current.pods(by_pod, failures)):
+        owned = {pod_of(path.parent) for path, entry in entries.items() if entry.in_owned}
+        for step in limit_steps(self._current.pods(by_pod, owned, failures)):
             file = self._files[step.group]
             log.info("%s: restored %s", file.path, file.text(step.amount))
             failures |= attempt(partial(file.write, file.text(step.amount)), step.group)
@@ -92,6 +93,12 @@ class LimitUndo:
             return
         fits = self._current.fits(group, file.amount(entry.theirs))
         if fits or not self._is_shared(group, wanted):
-            text = entry.theirs if fits else file.text(self._current.beside(group, ()))
+            text = self._theirs(file, entry) if fits else file.text(self._current.beside(group, ()))
             file.write(text)
             log.info("%s: restored %s", path, text)
+
+    def _theirs(self, file: ControlFile, entry: Entry) -> str:
+        """What others wrote; but no more than a limit of the pod's own, which its owner may have lowered since."""
+        limit = file.amount(entry.theirs)
+        most = self._current.of(pod_of(file.path.parent)) if entry.in_owned else None
+        return entry.theirs if limit is None or most is None or limit <= most else file.text(most)

@@ -43,29 +43,33 @@ class Limits:
         self._held: dict[str, set[Path]] = {}
         """The containers whose limits are held, and their pods."""
         self._originals: dict[str, Mapping[Path, int | None]] = {}
+        self._owned: dict[str, Collection[Path]] = {}
+        """The pods that have a limit of their own, which is never written."""
         self._yielded: set[Path] = set()
         """Containers that keep an external write until the policy's next plan."""
 
-    def apply(
+    def apply(  # noqa: PLR0913 - all that a plan says of limits
         self,
         policy: str,
         limits: Mapping[Path, int | None],
         held: Collection[Path],
         originals: Mapping[Path, int | None],
         *,
+        owned: Collection[Path] = (),
         again: bool = False,
     ) -> Failures:
         """Set the policy's limits and undo any others it had. `held` ones are restored after every foreign write.
 
         `originals` are the API's limits from before any policy: what undoing puts back, also if the API has agreed. A
-        limit that is the original is what the container had, also where the kernel has another (`_original`).
+        limit that is the original is what the container had, also where the kernel has another (`_original`). `owned`
+        are pods with a limit of their own, which no container of theirs exceeds.
         `again`: this is no new plan, and what an owner wrote since the first time stays, where the limit is the same.
         """
         before = self._wanted.get(policy, {})
         news = {group for group in {*before, *limits} if not again or before.get(group, 0) != limits.get(group, 0)}
         self._yielded -= news
         self._wanted[policy], self._held[policy] = limits, {*held, *map(pod_of, held)}
-        self._originals[policy] = originals
+        self._originals[policy], self._owned[policy] = originals, owned
         failures = self._enforce(policy, news)
         wanted = self._files.paths(self._groups(policy))
         lost = {path: entry for path, entry in self._own(policy).items() if path not in wanted}
@@ -79,6 +83,7 @@ class Limits:
         failures = self._undoing.undo(self._own(policy), self._containers(), leave_agreed=leave_agreed)
         self._held.pop(policy, None)
         self._originals.pop(policy, None)
+        self._owned.pop(policy, None)
         self._keep()
         return failures
 
@@ -170,7 +175,7 @@ class Limits:
 
     def _write_once(self, policy: str, news: Collection[Path] | None) -> Failures:
         by_pod, failures = self._now_and_wanted(policy, news)
-        return failures | self._write(policy, self._current.pods(by_pod, failures))
+        return failures | self._write(policy, self._current.pods(by_pod, self._owned[policy], failures))
 
     def _now_and_wanted(
         self, policy: str, news: Collection[Path] | None
@@ -226,8 +231,9 @@ class Limits:
     def _remember(self, policy: str, group: Path) -> None:
         """What the policy wants is in force already: its undoing is ours as well."""
         file = self._files[group]
-        original = file.text(self._original(policy, group))
-        self._ledger.remember(file.path, policy, now=file.seen, original=original, held=self._holds(group))
+        original, in_owned = file.text(self._original(policy, group)), pod_of(group) in self._owned[policy]
+        held = self._holds(group)
+        self._ledger.remember(file.path, policy, now=file.seen, original=original, held=held, in_owned=in_owned)
 
     def _keep(self) -> None:
         """Close the files of what is neither wanted nor still to be undone, of the pods, and of those beside them."""
@@ -261,8 +267,15 @@ class Limits:
     def _intend(self, policy: str, file: ControlFile, amount: int | None) -> None:
         group = file.path.parent
         original = file.text(self._original(policy, group)) if group in self._originals[policy] else None
-        held = self._holds(group)
-        self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held, original=original)
+        self._ledger.intend(
+            file.path,
+            policy,
+            now=file.seen,
+            ours=file.text(amount),
+            held=self._holds(group),
+            original=original,
+            in_owned=pod_of(group) in self._owned[policy],
+        )
         if file.unheard:
             self._ledger.overtake(file.path, file.seen)
 

@@ -22,7 +22,8 @@ class OrderTarget(NamedTuple):
 
     `weight` and `quota` are what to write: a weight of None is left alone, one of 0 the least; a quota of None is none.
     A quota that is `held` is restored after every foreign write, as the API can't hold it. The `container_id` is empty
-    while the container is starting. The `original` is the limit that it had before any policy, None for none.
+    while the container is starting. The `original` is the limit that it had before any policy, None for none. The
+    `pod_limit` is what its pod has as a whole (`spec.resources`), None where that is not limited.
     """
 
     uid: str
@@ -35,6 +36,7 @@ class OrderTarget(NamedTuple):
     quota: int | None
     held: bool
     original: int | None
+    pod_limit: int | None = None
 
     def part(self, processors: int) -> int:
         """The share as a part of the period of each of the node's processors, in thousandths."""
@@ -95,6 +97,7 @@ class _Target(msgspec.Struct, rename="camel"):
     held: bool
     original: _Limit | None
     limit: _Limit | None = None
+    pod_limit: _Limit | None = None
 
 
 class _Task(msgspec.Struct):
@@ -172,6 +175,7 @@ def _target(target: _Target, task: _Task) -> OrderTarget:
         _limit(target.quota),
         target.held,
         _limit(target.original),
+        _limit(target.pod_limit),
     )
 
 

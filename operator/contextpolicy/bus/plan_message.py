@@ -78,6 +78,7 @@ def _target(pod: PodView, container: ContainerView, claimed: Container, share: i
         "quota": _cores(quota),
         "held": quota is not None and (not claimed.limit or quota < claimed.request),
         "original": _cores(claimed.limit),
+        "podLimit": _cores(pod.limit),
         "limit": _cores(container.actual.limit if container.actual else None),
     }
 

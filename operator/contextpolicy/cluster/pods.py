@@ -104,6 +104,8 @@ class PodView:
     """Its controller."""
     pooled: bool = False
     """Whether the pod as a whole has CPU resources (`spec.resources`, KEP-2837), which its containers share."""
+    limit: int | None = None
+    """The CPU limit of the pod as a whole; None where it has none but those of its containers."""
     by_name: Mapping[str, ContainerView] = field(init=False, repr=False, compare=False)
     """The containers, by name."""
 
@@ -226,6 +228,7 @@ def _view(pod: Mapping[str, Any]) -> PodView:
         overhead=millicores((spec.get("overhead") or {}).get("cpu")) or 0,
         owner=owner_of(metadata),
         pooled=cpu_of(spec.get("resources") or {}) != Cpu(None, None),
+        limit=cpu_of(spec.get("resources") or {}).limit,
     )
 
 

@@ -30,8 +30,8 @@ edition     counts the messages with one sequence number: weights, scores or con
 targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (its
             share); what an agent writes for it, `weight` (null: what it has; 0: the least) and `quota` (null: none),
             and whether the quota is `held` although the API can't have it; what it puts back in the end, the `original`
-            limit before any policy (null: none); and `limit` (what the kubelet reports as in force; null until it
-            reports one)
+            limit before any policy (null: none); the `podLimit` that its pod has as a whole, which bounds all that
+            (null: none); and `limit` (what the kubelet reports as in force; null until it reports one)
 trigger     when the sample that led to it arrived, in Unix seconds; absent from answers to queries
 ==========  ==========================================================================================================
 """

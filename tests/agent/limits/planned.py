@@ -20,9 +20,9 @@ class Planned(Limits):
         self.ledger.load()
         super().__init__(ControlFiles(CFS[tree.version], Unwatched()), self.ledger)
 
-    def plan(self, limits, held=(), policy=POLICY, **originals):
+    def plan(self, limits, held=(), policy=POLICY, owned=(), **originals):
         """What each container had before any policy is half a core, unless `original` says otherwise."""
-        self.apply(policy, limits, held, dict.fromkeys(limits, originals.get("original", 500)))
+        self.apply(policy, limits, held, dict.fromkeys(limits, originals.get("original", 500)), owned=owned)
 
 
 def write(tree, limits, group, limit):
