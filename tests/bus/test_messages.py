@@ -126,6 +126,14 @@ def test_quota_below_what_the_api_allows_is_held(control):
     assert written(control, replace(SPEECH, limit=None))[1:] == (0.01, True)
 
 
+@pytest.mark.parametrize("control", Control)
+@pytest.mark.parametrize("floor", [10, 100])
+def test_what_another_writer_insists_on_is_the_quota(control, floor):
+    for speed in (0.0, 0.3):
+        _, quota, held = written(control, replace(SPEECH, request=floor, left=800), speed=speed)
+        assert (quota, held) == (0.8, False)
+
+
 def test_limit_of_zero_means_no_limit():
     assert written(Control.WEIGHT, replace(SPEECH, limit=0)) == (0, 0.01, True)
     assert written(Control.WEIGHT, replace(SPEECH, limit=0), speed=0.0) == (0.18, None, False)

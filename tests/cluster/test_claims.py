@@ -223,3 +223,10 @@ def test_a_pod_that_must_be_left_alone_is_not_claimed():
     doubts = {"uid-slam": "nobody knows what slam had"}
     found = claim([policy_of("robot", "slam", "speech")], views("slam", "speech"), NODES, doubt=doubts.get)["lab/robot"]
     assert (held(found), found.obstacles) == ({"lab/speech/speech": "speech"}, {"slam": "nobody knows what slam had"})
+
+
+def test_a_claim_names_the_limit_that_another_writer_insists_on_and_plans_as_before():
+    policies, pods = [policy_of("robot", "slam", "speech")], views("slam", "speech")
+    lost = claim(policies, pods, NODES, left=lambda uid, name: 700 if (uid, name) == ("uid-slam", "slam") else None)
+    assert [container.left for container in lost["lab/robot"].placement.containers] == [700, None]
+    assert lost["lab/robot"].placement == claim(policies, pods, NODES)["lab/robot"].placement

@@ -11,6 +11,7 @@ import pytest
 from tests.e2e.agents import NAMESPACE, Component, Trace, connect, report
 from tests.e2e.cluster import PATIENCE, delete, get, resizes_refused, run, until
 from tests.e2e.robot import Robot, Sensors, together
+from tests.e2e.test_foreign_writers import resize
 
 GRACE = 10.0
 STANDING, MOVING = {"slam": 500, "speech": 500}, {"slam": 990, "speech": 10}
@@ -133,6 +134,21 @@ def test_frozen_agent_falls_back_to_resizes(governed, agent):
     finally:
         agent.send(signal.SIGCONT)
     governed.drive(0.0)
+    settled(governed, STANDING)
+
+
+def test_a_writer_that_never_stops_wins_in_the_kernel_too(governed):
+    """After ten answers; plans go on for the other task."""
+    governed.drive(0.3)
+    settled(governed, MOVING)
+    deadline = time.monotonic() + 150
+    while "that goes on, so it is left like that" not in governed.condition("Applied")[1]:
+        assert time.monotonic() < deadline
+        resize(governed, "slam", "300m", "vpa-updater")
+    for speed in (0.0, 0.3):
+        governed.drive(speed)
+        settled(governed, {"slam": 300, "speech": 10 if speed else 500})
+    delete("ctxp", "robot", governed.namespace)
     settled(governed, STANDING)
 
 

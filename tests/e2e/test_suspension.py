@@ -88,6 +88,36 @@ def test_a_task_without_a_limit_is_suspended_by_quota_and_restored_to_none(stand
 
 
 @pytest.mark.parametrize("control", CONTROLS)
+def test_a_pod_with_a_limit_of_its_own_keeps_it(standing, control):
+    """Its container has none, so the kubelet gives it the pod's; a share of 500m would be more than that."""
+    pooled = pod("speech", standing.namespace, IDLE, NO_LIMIT)
+    pooled["spec"]["resources"] = {"requests": {"cpu": "10m"}, "limits": {"cpu": "400m"}}
+    apply(pooled)
+    run("kubectl", "wait", "pod/speech", "-n", standing.namespace, "--for=condition=Ready", "--timeout=60s")
+    standing.expect(speech=400)
+    assert pod_limit(standing) == 400
+    standing.policy(enforcement={"control": control})
+    for _ in range(2):
+        standing.drive(0.3)
+        standing.expect(speech=10)
+        assert pod_limit(standing) == 400
+        standing.drive(0.0)
+        standing.expect(speech=400)
+        assert pod_limit(standing) == 400
+    standing.drive(0.3)
+    standing.expect(speech=10)
+    run("kubectl", "delete", "ctxp", "--all", "-n", standing.namespace, "--timeout=60s")
+    standing.expect(speech=400)
+    assert pod_limit(standing) == 400
+
+
+def pod_limit(robot):
+    """What the kernel enforces for speech's pod as a whole, in thousandths of a core."""
+    cgroup = robot.container("speech")
+    return int((cgroup.quota_file.parent.parent / cgroup.quota_file.name).read_text().split()[0]) // 100
+
+
+@pytest.mark.parametrize("control", CONTROLS)
 def test_agent_suspends_below_a_request_the_api_cannot_undercut(standing, control):
     """What the kubelet writes for the API is overwritten again."""
     standing.start("speech", resources=BIG_REQUEST)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from contextpolicy.actuators.resize.conflict import STRIKES
+from contextpolicy.actuators.resize.pauses import CONFLICTING
 from contextpolicy.cluster.claims import claim
 from contextpolicy.policies import binder
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
@@ -130,6 +132,19 @@ def test_a_container_that_a_resize_would_restart_is_left_alone_and_reported_once
     assert reason == "NotResizable"
     assert message in running.condition("Applied")[2]
     assert "slam-2/slam restarts whenever its CPU changes" in message
+
+
+def test_agents_are_told_to_leave_what_another_writer_insists_on(running):
+    for _ in range(STRIKES + 1):
+        running.cluster.edit("uid-slam", "slam", cpu="300m")
+        running.settle()
+        running.turn(CONFLICTING.longest + 1)
+        running.settle()
+    running.react(IMU, speed=0.3)
+    [*_, plan] = running.session.plans()
+    quotas = {target["task"]: (target["quota"], target["original"]) for target in plan["targets"]}
+    assert quotas == {"slam": (0.3, 0.4), "speech": (0.2, 0.4)}
+    assert running.limits() == {"slam": 300, "speech": 200}
 
 
 def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeypatch):

@@ -15,7 +15,8 @@ a little sooner. For each file that it wrote the ledger keeps `theirs`, what any
   settings again at `daemon-reload` and `set-property`, with the limit it last got from the kubelet. Ours is restored.
 - `ours`, but we wrote it over something that `inotify` had yet to report, or after the report was read: the report is
   of what was there before. The entry stays open.
-- anything else: a decision of the owner. The value stays until the next plan; nothing is left to undo.
+- anything else: a decision of the owner. The value stays until the next plan, which has it too if the owner has won
+  against the operator (`actuators.resize.conflict`); nothing is left to undo.
 
 Pods grow with their containers, as their limit is the sum of these. One with a limit of its own (`spec.resources`) does
 not: that is never written, no container in the pod gets more, and one without a limit has the pod's, as the kubelet

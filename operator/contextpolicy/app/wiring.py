@@ -85,7 +85,13 @@ class Operator:
         self._originals = self._resizer.originals
         self._actuators = Actuators({Mode.ENFORCE: self._resizer, Mode.DRY_RUN: DryRun(), Mode.PAUSED: Idle()})
         self._binder = Binder(
-            loop, registry, self._bus, self._publisher, originals=self._originals, tenants=self._tenants
+            loop,
+            registry,
+            self._bus,
+            self._publisher,
+            originals=self._originals,
+            contests=self._resizer.contests,
+            tenants=self._tenants,
         )
         self.queries = Queries(
             loop,

@@ -64,6 +64,9 @@ def _targets(
 def _target(pod: PodView, container: ContainerView, claimed: Container, share: int, own: Amounts) -> dict[str, Any]:
     """What one container gets, with everything an agent on its node needs to find the cgroup."""
     quota = claimed.limit or None if own.quota is None else own.quota
+    held = quota is not None and (not claimed.limit or quota < claimed.request)
+    if claimed.left is not None:  # a writer who insists has won, in the kernel as in the API
+        quota, held = claimed.left, False
     return {
         "task": claimed.task,
         "node": pod.node,
@@ -76,7 +79,7 @@ def _target(pod: PodView, container: ContainerView, claimed: Container, share: i
         "cores": share / 1000,
         "weight": None if own.weight is None or pod.qos != "Burstable" else own.weight / 1000,
         "quota": _cores(quota),
-        "held": quota is not None and (not claimed.limit or quota < claimed.request),
+        "held": held,
         "original": _cores(claimed.limit),
         "podLimit": _cores(pod.limit),
         "limit": _cores(container.actual.limit if container.actual else None),

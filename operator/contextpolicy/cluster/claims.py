@@ -59,6 +59,7 @@ def claim(  # noqa: PLR0913 - all that a claim depends on
     agents: Collection[str] = (),
     elsewhere: Mapping[str, int] = _NOTHING,
     doubt: Callable[[str], str | None] = lambda _: None,
+    left: Callable[[str, str], int | None] = lambda *_: None,
 ) -> dict[str, Claim]:
     """What each policy gets, by reference. `policies` are ordered oldest first.
 
@@ -72,13 +73,14 @@ def claim(  # noqa: PLR0913 - all that a claim depends on
 
     `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
     container had before any policy. `agents` are the nodes whose agents write limits; `elsewhere` is what pods that are
-    not among `pods` request, by node. `doubt` says of a pod's UID why it must be left alone, if it must.
+    not among `pods` request, by node. `doubt` says of a pod's UID why it must be left alone, if it must, `left` of a
+    UID and a container's name which limit another writer insists on.
     """
     pods = list(pods)
     live = _live(pods, nodes)
     ordered = sorted(policies, key=lambda policy: -tenants.priority(policy.namespace))
     found = [
-        (policy, examine(policy, live[policy.namespace], nodes, original, agents, doubt))
+        (policy, examine(policy, live[policy.namespace], nodes, original, agents, doubt, left))
         for policy in _with_shadows(ordered)
     ]
     registry = _Registry(nodes, tenants, _owned(found, tenants))

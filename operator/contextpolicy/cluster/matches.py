@@ -56,6 +56,7 @@ def examine(  # noqa: PLR0913, PLR0917 - as `claims.claim`
     original: Original,
     agents: Collection[str],
     doubt: Callable[[str], str | None],
+    left: Callable[[str, str], int | None],
 ) -> list[Match]:
     """All matches of a policy; `pods` are those of its own namespace: no other is its business."""
     own = policy.enforcement
@@ -66,7 +67,14 @@ def examine(  # noqa: PLR0913, PLR0917 - as `claims.claim`
         floor = pod.floor(container, before)
         cpu, identity = before or container.spec, container_id(pod, container.name)
         claimed = Container(
-            identity, task.name, pod.node, floor, container.memory_limit, cpu.limit, pod.qos == "Burstable"
+            identity,
+            task.name,
+            pod.node,
+            floor,
+            container.memory_limit,
+            cpu.limit,
+            pod.qos == "Burstable",
+            left=left(pod.uid, container.name),
         )
         obstacle = doubt(pod.uid) or pod.obstacle(
             container, may_restart=task.restart_on_resize, agent=pod.node in agents

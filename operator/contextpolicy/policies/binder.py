@@ -14,6 +14,7 @@ from contextpolicy.policies.handover import Holdings, givers_first
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from contextpolicy.actuators.resize.contests import Contests
     from contextpolicy.actuators.resize.originals import Originals
     from contextpolicy.bus.robot_bus import RobotBus
     from contextpolicy.cluster.claims import Claim
@@ -28,7 +29,10 @@ if TYPE_CHECKING:
 
 
 class Binder:
-    """Knows all pods and nodes, everything on the loop's thread. `originals` are what containers had before us."""
+    """Knows all pods and nodes, everything on the loop's thread.
+
+    `originals` are what containers had before us, `contests` the limits that others insist on.
+    """
 
     def __init__(  # noqa: PLR0913 - all that a claim depends on
         self,
@@ -38,11 +42,12 @@ class Binder:
         publisher: StatusPublisher,
         *,
         originals: Originals,
+        contests: Contests,
         tenants: Tenants,
     ) -> None:
         self.pods = PodDirectory()
         self._loop, self._registry, self._bus, self._publisher = loop, registry, bus, publisher
-        self._originals, self._tenants = originals, tenants
+        self._originals, self._contests, self._tenants = originals, contests, tenants
         self.nodes: dict[str, NodeView] = {}
         """By UID: a recreated policy may be listed before the old one is gone."""
         self._moved: set[str] = set()
@@ -51,6 +56,7 @@ class Binder:
         """What pods of namespaces without policies request, on the nodes where that decides about any policy."""
         self._owned: dict[str, frozenset[str]] = {}
         """The containers of each policy at the last placement, also of one that has been edited since."""
+        contests.changes.subscribe(self._move)
 
     def take_pod(self, pod: PodView) -> None:
         """A pod is new or has changed."""
@@ -114,6 +120,7 @@ class Binder:
             agents=agents,
             elsewhere=elsewhere,
             doubt=self._originals.doubt,
+            left=self._contests.left,
         )
         self._elsewhere = {node: elsewhere.get(node, 0) for own in claims.values() for node in own.room}
         return [

@@ -84,6 +84,11 @@ class Ownership:
         return self.strikes > STRIKES
 
     @property
+    def left(self) -> int | None:
+        """The limit that the other writer keeps, as it has insisted for long enough; None without one."""
+        return self.found.limit if self.found is not None and self.yielded else None
+
+    @property
     def rests_until(self) -> float:
         """Until when the foreign change is left in place."""
         return self.until if self.found is not None else -inf

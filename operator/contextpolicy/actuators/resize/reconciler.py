@@ -20,6 +20,7 @@ from contextpolicy.errors import ActuationError
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
 
+    from contextpolicy.actuators.resize.contests import Contests
     from contextpolicy.actuators.resize.dispatcher import Dispatcher, Observer
     from contextpolicy.actuators.resize.originals import Originals
     from contextpolicy.actuators.resize.pod_index import PodIndex
@@ -30,8 +31,15 @@ if TYPE_CHECKING:
 class Reconciler:
     """Level-triggered: `reconcile` may be called at any time and sends only what is missing."""
 
-    def __init__(
-        self, order: Order, pods: PodIndex, originals: Originals, dispatcher: Dispatcher, observer: Observer
+    def __init__(  # noqa: PLR0913 - all that a policy's resizes concern
+        self,
+        order: Order,
+        pods: PodIndex,
+        originals: Originals,
+        dispatcher: Dispatcher,
+        observer: Observer,
+        *,
+        contests: Contests,
     ) -> None:
         self.order = order
         """What the policy wants; see `follow`."""
@@ -45,6 +53,7 @@ class Reconciler:
         self._policy = order.policy
         self._namespace = order.policy.partition("/")[0]
         self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
+        self._contests = contests
         self._touched: set[str] = set()
         """UIDs of the pods that the policy resizes or still has to restore; it looks at no others."""
         self._restores = RestoreOrder(order.policy)
@@ -174,6 +183,7 @@ class Reconciler:
             identity = container_id(pod.view, name)
             if ownership.policy == self._policy and (pod.view.ended or identity not in self.order.claimed):
                 del pod.owned[name]
+                self._contests.note(pod.view, name, None)
                 pod.rewrites.pop(name, None)
                 if ownership.reported:
                     self._observer.on_conflict(self._policy, identity, None)
@@ -188,6 +198,7 @@ class Reconciler:
         moments = pod.nudge_state.until, pod.rewrites.get(name, inf)
         if ownership is None or not ownership.reported:
             return moments
+        self._contests.note(pod.view, name, ownership.left)
         if now >= ownership.forgotten_at:
             ownership.reported = False
             self._observer.on_conflict(self._policy, target.id, None)

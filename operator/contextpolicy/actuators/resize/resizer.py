@@ -13,6 +13,7 @@ from reactivex.disposable import Disposable, SerialDisposable
 
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.background import Background
+from contextpolicy.actuators.resize.contests import Contests
 from contextpolicy.actuators.resize.dispatcher import Dispatcher
 from contextpolicy.actuators.resize.originals import Originals
 from contextpolicy.actuators.resize.pod_index import PodIndex
@@ -57,7 +58,7 @@ class PodResizer:
         observer: Observer,
         signatures: EntrySignatures,
     ) -> None:
-        self.originals = Originals(signatures)
+        self.originals, self.contests = Originals(signatures), Contests()
         self._scheduler, self._observer = scheduler, observer
         self._pods = PodIndex()
         self._reconcilers: dict[str, Reconciler] = {}
@@ -100,7 +101,9 @@ class PodResizer:
         """Forget a policy and its pods without restoring anything: another operator serves its namespace now."""
         self._released.pop(policy, None)
         if self._reconcilers.pop(policy, None) is not None:
-            self._pods.renew(policy.partition("/")[0])
+            namespace = policy.partition("/")[0]
+            self._pods.renew(namespace)
+            self.contests.abandon(namespace)
         self._record.forget(policy)
 
     def observe(self, view: PodView) -> None:
@@ -122,6 +125,7 @@ class PodResizer:
         if pod is not None:
             self._mark(pod)
             self.originals.drop_pod(uid)
+            self.contests.forget(uid)
 
     def on_patch_end(self, pod: TrackedPod) -> None:
         """A patch has ended; the API server may have no such pod any more."""
@@ -138,7 +142,9 @@ class PodResizer:
         reconciler = self._reconcilers.get(policy)
         if reconciler is None:
             nothing = Order(policy, frozenset())
-            reconciler = Reconciler(nothing, self._pods, self.originals, self._dispatcher, self._observer)
+            reconciler = Reconciler(
+                nothing, self._pods, self.originals, self._dispatcher, self._observer, contests=self.contests
+            )
             self._reconcilers[policy] = reconciler
         return reconciler
 

@@ -20,6 +20,7 @@ class Container:
     `request` is its CPU request in thousandths of a core, below which the API lets no limit go; `memory` is its memory
     limit in bytes and `limit` the CPU limit that it had before any policy, None if it has none.
     `weighted`: its pod is Burstable, so it has a weight of its own; a Guaranteed pod's request must equal its limit.
+    `left` is a limit that another writer insists on, and that is left in place; no plan depends on it.
     """
 
     id: str
@@ -29,6 +30,7 @@ class Container:
     memory: int | None = None
     limit: int | None = None
     weighted: bool = True
+    left: int | None = field(default=None, compare=False)
 
     @property
     def floor(self) -> int:
