@@ -47,6 +47,21 @@ def test_container_weight_converts_back_to_the_request(millicores, version):
     assert abs(back - millicores) <= max(6, millicores * 0.07)
 
 
+@given(st.integers(30, 200_000))
+def test_linear_weight_converts_back_to_a_request_of_the_same_weight(millicores):
+    back = units.millicores(units.of_container(millicores, 2, linear=True), 2, linear=True)
+    assert abs(back - millicores) <= 14
+    assert units.of_pod(back, 2) == units.of_pod(millicores, 2)
+
+
+@pytest.mark.parametrize(
+    ("weight", "millicores", "linear"),
+    [(20, 500, True), (59, 500, False), (21, 500, None), (1, 0, None), (1, 10, True), (4, 10, False)],
+)
+def test_a_weight_of_a_known_request_tells_the_conversion(weight, millicores, linear):
+    assert units.is_linear(weight, millicores) is linear
+
+
 @given(st.integers(0, 10**12), st.sampled_from(VERSIONS))
 def test_the_kernel_takes_every_weight(millicores, version):
     for weight in (units.of_pod(millicores, version), units.of_container(millicores, version)):

@@ -83,6 +83,7 @@ def test_message_has_every_field_that_readers_need(story):
                 "held": False,
                 "original": 0.5,
                 "podLimit": None,
+                "request": 0.1,
                 "limit": 0.5,
             }
             for task, cores in (("slam", 1.99), ("speech", 0.01))

@@ -178,8 +178,8 @@ class Admission:
 
 
 def _desired(order: NodeOrder) -> _Desired:
-    """The order without its edition and the limits in force: what has to change to make it a new one."""
-    targets = tuple(target._replace(limit=None) for target in order.targets)
+    """The order without its edition and what the kubelet has: what has to change to make it a new one."""
+    targets = tuple(target._replace(limit=None, request=None) for target in order.targets)
     return order.stamp[:2], order.mode, order.scheduler, order.capacity, order.manner, targets
 
 

@@ -73,7 +73,8 @@ class CgroupWriters:
         # A Guaranteed pod is beside the classes: a weight there would compete with all of them.
         weighted = {group: target for group, target in groups.items() if target.qos == "Burstable"}
         weights = {group: target.weight for group, target in weighted.items() if target.weight is not None}
-        failures = self._weights.apply(order.policy, weights)
+        requests = {group: target.request for group, target in weighted.items() if target.request is not None}
+        failures = self._weights.apply(order.policy, weights, requests)
         quotas = {group: target.quota for group, target in groups.items() if group not in draining}
         quotas |= self._limits.standing(order.policy, draining)
         held, owned = {group for group in _held(groups) if group not in draining}, _owned(groups)

@@ -7,6 +7,9 @@ these were their requests.
 The kubelet writes a pod's and a container's weight with every resize of them, and a class's every minute and whenever
 a pod starts or ends: always from the requests in the API, which no plan moves. So whatever others write is what to put
 back later, and ours is written again. Who wrote decides, not the text: under version 2 several requests share one.
+
+Runtimes convert requests to weights in one of two ways there. What a container of a known request had before us shows
+which; else what others on the node have, as one runtime has made them all.
 """
 
 from __future__ import annotations
@@ -58,15 +61,17 @@ class Weights:
         self._beside = OpenFiles(self._open, Unwatched())
         self._children = Children()
         self._wanted: dict[str, Mapping[Path, int]] = {}
+        self._requests: dict[str, Mapping[Path, int]] = {}
 
-    def apply(self, policy: str, cores: Mapping[Path, int]) -> Failures:
-        """Set the policy's weights and undo any others it had."""
-        self._wanted[policy] = cores
+    def apply(self, policy: str, cores: Mapping[Path, int], requests: Mapping[Path, int]) -> Failures:
+        """Set the policy's weights and undo any others it had; `requests` are the API's, as far as they are known."""
+        self._wanted[policy], self._requests[policy] = cores, requests
         return self._enforce(policy)
 
     def release(self, policy: str) -> Failures:
         """Undo all weights of the policy."""
         self._wanted.pop(policy, None)
+        self._requests.pop(policy, None)
         return self._enforce(policy)
 
     def knows(self, group: Path) -> bool:
@@ -121,9 +126,9 @@ class Weights:
 
     def _members(self, failures: Failures) -> _Members:
         """What the containers that policies name should have, and their pods; those that have ended count no more."""
-        wishes: dict[Path, _Wish] = {}
-        cores: dict[Path, int] = defaultdict(int)
         owners: dict[Path, str] = {}
+        cores: dict[Path, int] = {}
+        by_pod: dict[Path, list[Path]] = defaultdict(list)
         for policy, wanted in self._wanted.items():
             for group, amount in wanted.items():
                 try:
@@ -133,13 +138,30 @@ class Weights:
                     self._lose(group, error)
                     self._children.forget(pod_of(group).parent)
                     continue
-                wishes[group] = _Wish(policy, units.of_container(amount, self._version))
-                cores[pod_of(group)] += amount
-                owners[pod_of(group)] = policy
-        for pod, amount in cores.items():
-            others = sum(units.millicores(weight, self._version) for weight in self._others(pod, wishes))
-            wishes[pod] = _Wish(owners[pod], units.of_pod(amount + others, self._version))
-        return _Members(wishes, cores.keys())
+                owners[group], cores[group] = policy, amount
+                by_pod[pod_of(group)].append(group)
+        wishes: dict[Path, _Wish] = {}
+        linear = self._conversions(by_pod, owners)
+        for pod, groups in by_pod.items():
+            convert = partial(units.of_container, version=self._version, linear=linear[pod])
+            wishes |= {group: _Wish(owners[group], convert(cores[group])) for group in groups}
+            beside = self._others(pod, cores)
+            others = sum(units.millicores(weight, self._version, linear=linear[pod]) for weight in beside)
+            amount = sum(cores[group] for group in groups) + others
+            wishes[pod] = _Wish(owners[groups[-1]], units.of_pod(amount, self._version))
+        return _Members(wishes, by_pod.keys())
+
+    def _conversions(self, by_pod: Mapping[Path, list[Path]], owners: Mapping[Path, str]) -> dict[Path, bool]:
+        """Whether the runtime has converted the requests in each pod linearly."""
+        told: dict[Path, bool] = {}
+        for pod, groups in by_pod.items():
+            for group in groups if self._version == 2 else ():
+                file, request = self._files[group], self._requests[owners[group]].get(group, 0)
+                entry = self._ledger.entries.get(file.path)
+                linear = units.is_linear(int(entry.theirs if entry else file.seen), request)
+                if linear is not None:
+                    told[pod] = linear
+        return {pod: told.get(pod, any(told.values())) for pod in by_pod}
 
     def _class_wish(self, group: Path, members: _Members) -> _Wish | None:
         """The sum of the pods that are there; None when none of ours is any more.

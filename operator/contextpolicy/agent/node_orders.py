@@ -23,7 +23,8 @@ class OrderTarget(NamedTuple):
     `weight` and `quota` are what to write: a weight of None is left alone, one of 0 the least; a quota of None is none.
     A quota that is `held` is restored after every foreign write, as the API can't hold it. The `container_id` is empty
     while the container is starting. The `original` is the limit that it had before any policy, None for none. The
-    `pod_limit` is what its pod has as a whole (`spec.resources`), None where that is not limited.
+    `pod_limit` is what its pod has as a whole (`spec.resources`), None where that is not limited; `request` what the
+    kubelet has granted the container, None for nothing.
     """
 
     uid: str
@@ -37,6 +38,7 @@ class OrderTarget(NamedTuple):
     held: bool
     original: int | None
     pod_limit: int | None = None
+    request: int | None = None
 
     def part(self, processors: int) -> int:
         """The share as a part of the period of each of the node's processors, in thousandths."""
@@ -98,6 +100,7 @@ class _Target(msgspec.Struct, rename="camel"):
     original: _Limit | None
     limit: _Limit | None = None
     pod_limit: _Limit | None = None
+    request: _Limit | None = None
 
 
 class _Task(msgspec.Struct):
@@ -176,6 +179,7 @@ def _target(target: _Target, task: _Task) -> OrderTarget:
         target.held,
         _limit(target.original),
         _limit(target.pod_limit),
+        _limit(target.request),
     )
 
 

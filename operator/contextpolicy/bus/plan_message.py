@@ -82,6 +82,7 @@ def _target(pod: PodView, container: ContainerView, claimed: Container, share: i
         "held": held,
         "original": _cores(claimed.limit),
         "podLimit": _cores(pod.limit),
+        "request": _cores(container.spec.request if container.allocated is None else container.allocated),
         "limit": _cores(container.actual.limit if container.actual else None),
     }
 

@@ -31,7 +31,8 @@ targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `c
             share); what an agent writes for it, `weight` (null: what it has; 0: the least) and `quota` (null: none),
             and whether the quota is `held` although the API can't have it; what it puts back in the end, the `original`
             limit before any policy (null: none); the `podLimit` that its pod has as a whole, which bounds all that
-            (null: none); and `limit` (what the kubelet reports as in force; null until it reports one)
+            (null: none); and what the kubelet has: `request` (what it has granted; null: nothing) and `limit` (what it
+            reports as in force; null until it reports one)
 trigger     when the sample that led to it arrived, in Unix seconds; absent from answers to queries
 ==========  ==========================================================================================================
 """
