@@ -62,8 +62,8 @@ class Limits:
 
         `originals` are the API's limits from before any policy: what undoing puts back, also if the API has agreed. A
         limit that is the original is what the container had, also where the kernel has another (`_original`). `owned`
-        are pods with a limit of their own, which no container of theirs exceeds.
-        `again`: this is no new plan, and what an owner wrote since the first time stays, where the limit is the same.
+        are pods with a limit of their own, which no container of theirs exceeds. `again`: this is no new plan, and what
+        an owner wrote since the first time stays, where the limit is the same.
         """
         before = self._wanted.get(policy, {})
         news = {group for group in {*before, *limits} if not again or before.get(group, 0) != limits.get(group, 0)}
@@ -219,14 +219,13 @@ class Limits:
         """What the container had before any policy, once its file has been read.
 
         That is what the kubelet made of the API's limit: nothing for a container with processors of its own (static CPU
-        manager, since Kubernetes 1.33), nor with `cpuCFSQuota: false`. No policy takes a limit away, so that a file
-        without one and without an entry in the ledger tells, and the ledger from then on.
+        manager, since Kubernetes 1.33), nor with `cpuCFSQuota: false`. No policy takes a limit away, and nobody has put
+        one there: that is how the ledger tells, and the file where that has no entry. A larger limit may be a plan's.
         """
         file = self._files[group]
         entry = self._ledger.entries.get(file.path)
-        found = file.seen if entry is None else entry.original
-        is_free = found is not None and file.amount(found) is None
-        return None if is_free else self._originals[policy][group]
+        theirs = file.seen if entry is None else entry.theirs
+        return None if file.amount(theirs) is None else self._originals[policy][group]
 
     def _remember(self, policy: str, group: Path) -> None:
         """What the policy wants is in force already: its undoing is ours as well."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.agent.builders import POLICY, SLAM
-from tests.agent.limits.planned import resize
+from tests.agent.limits.planned import resize, write
 
 API = 2000
 """Of a Guaranteed container with two processors of its own (static CPU manager), which has no quota."""
@@ -47,6 +47,16 @@ def test_the_next_life_knows_that_there_was_no_quota(tree, limits, live, free):
     heir.plan({free: 10}, original=API)
     live().release(POLICY)
     assert seen(tree, free) == (None, None)
+
+
+def test_a_limit_that_the_owner_has_added_meanwhile_is_the_original(tree, limits, free):
+    """It had none in the API either."""
+    limits.plan({free: 10}, [free], original=None)
+    write(tree, limits, free, 500)
+    limits.plan({free: 500}, original=500)
+    assert tree.limit(free) == 500
+    limits.release(POLICY)
+    assert tree.limit(free) == 500
 
 
 def test_a_share_is_a_quota_also_where_the_kubelet_writes_none(tree, limits, free):
