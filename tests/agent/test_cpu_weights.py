@@ -302,7 +302,7 @@ def test_restarted_agent_knows_the_conversion_from_the_journal(tree, weights, sl
 @LINEAR
 @pytest.mark.usefixtures("klass")
 @pytest.mark.parametrize("request_of_slam", [{}, {"slam": 777}], ids=["without a request", "of another weight"])
-def test_other_pods_tell_the_conversion_where_a_container_does_not(  # noqa: PLR0913 - fixtures
+def test_other_pods_tell_the_conversion_where_a_container_does_not(  # noqa: PLR0913, PLR0917 - fixtures
     tree, weights, slam, sidecar, speech, linear, request_of_slam
 ):
     tree.set_weight(speech, of_container(200, 2, linear=linear))

@@ -63,10 +63,7 @@ def _targets(
 
 def _target(pod: PodView, container: ContainerView, claimed: Container, share: int, own: Amounts) -> dict[str, Any]:
     """What one container gets, with everything an agent on its node needs to find the cgroup."""
-    quota = claimed.limit or None if own.quota is None else own.quota
-    held = quota is not None and (not claimed.limit or quota < claimed.request)
-    if claimed.left is not None:  # a writer who insists has won, in the kernel as in the API
-        quota, held = claimed.left, False
+    quota = _quota(claimed, own.quota)
     return {
         "task": claimed.task,
         "node": pod.node,
@@ -79,12 +76,23 @@ def _target(pod: PodView, container: ContainerView, claimed: Container, share: i
         "cores": share / 1000,
         "weight": None if own.weight is None or pod.qos != "Burstable" else own.weight / 1000,
         "quota": _cores(quota),
-        "held": held,
+        "held": _is_held(claimed, quota),
         "original": _cores(claimed.limit),
         "podLimit": _cores(pod.limit),
         "request": _cores(container.spec.request if container.allocated is None else container.allocated),
         "limit": _cores(container.actual.limit if container.actual else None),
     }
+
+
+def _quota(claimed: Container, quota: int | None) -> int | None:
+    """What the container gets if the plan says this. A writer who insists has won, in the kernel as in the API."""
+    wanted = claimed.limit or None if quota is None else quota
+    return wanted if claimed.left is None else claimed.left
+
+
+def _is_held(claimed: Container, quota: int | None) -> bool:
+    """Whether the API can't have the quota; it does have what another writer insists on."""
+    return quota is not None and claimed.left is None and (not claimed.limit or quota < claimed.request)
 
 
 def _cores(limit: int | None) -> float | None:

@@ -42,7 +42,9 @@ def test_a_container_without_a_limit_is_capped_and_gets_its_pods_again(tree, lim
 
 @pytest.mark.parametrize("leave_agreed", [False, True])
 @pytest.mark.parametrize("killed", [False, True])
-def test_the_end_of_a_policy_leaves_the_pods_limit(tree, limits, live, slam, journal, leave_agreed, killed):
+def test_the_end_of_a_policy_leaves_the_pods_limit(  # noqa: PLR0913, PLR0917 - fixtures
+    tree, limits, live, slam, journal, leave_agreed, killed
+):
     limits.plan({slam: 10}, [slam], original=None, owned=[slam.parent])
     (live() if killed else limits).release(POLICY, leave_agreed=leave_agreed)
     assert seen(tree, slam) == [1000, 1000]
@@ -96,13 +98,17 @@ WRITES, LINES = 5, 1
 def test_a_kill_at_any_write_leaves_the_pods_limit(tmp_path, monkeypatch, point, moment):
     tree, journal = Tree(tmp_path / "cgroup"), tmp_path / "journal"
     group, sidecar = pod_of_one_core(tree, **{SLAM: None, CHAT: 700})
-    fuse = Fuse(monkeypatch)
-    fuse.left, fuse.moment = point, moment
-    with pytest.raises(Killed):
+
+    def live():
         limits = Planned(tree, journal)
         for limit in (10, None):
             limits.plan({group: limit}, original=None, owned=[group.parent])
         limits.release(POLICY)
+
+    fuse = Fuse(monkeypatch)
+    fuse.left, fuse.moment = point, moment
+    with pytest.raises(Killed):
+        live()
     fuse.left = None
     Planned(tree, journal).release(POLICY)
     assert seen(tree, group, sidecar) == [1000, 700, 1000]
