@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 
-from contextpolicy.actuators.order import order_of
+from contextpolicy.actuators.order import Order, order_of
 from contextpolicy.actuators.resize.pod_state import PodState
 from contextpolicy.actuators.resize.takeover import LEAST_REQUEST
 from contextpolicy.actuators.resize.targets import target_cpu
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 from contextpolicy.bus.plan_message import message
 from contextpolicy.cluster.agent_reports import AgentReport, with_agents, writing
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pods import Cpu, view
 from tests.cluster.builders import NODE, a_pod, cpu
 from tests.cluster.claiming import claim
 from tests.planning.builders import Story, a_context, a_policy, a_stream, a_task
@@ -23,8 +23,7 @@ from tests.planning.builders import Story, a_context, a_policy, a_stream, a_task
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from contextpolicy.actuators.order import Order
-    from contextpolicy.cluster.pods import Cpu, PodView
+    from contextpolicy.cluster.pods import PodView
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "pods.md"
 HEADER = "| pod | control | agent | active | suspended |"
@@ -108,6 +107,15 @@ def written(targets: Iterable[dict[str, Any]], before: Cpu) -> Iterator[str]:
 
 def amount(value: int | None) -> str:
     return "= share" if value == SHARE else f"{value}m"
+
+
+def test_a_pod_that_is_guaranteed_as_a_whole_gets_no_limit_for_its_container():
+    """It could never go again."""
+    whole = a_pod("slam", {"slam": cpu(None, None, None)}, qos="Guaranteed")
+    whole["spec"]["resources"] = {kind: {"cpu": "1", "memory": "64Mi"} for kind in ("requests", "limits")}
+    order = Order("lab/robot", frozenset({SLAM}), {SLAM: 10}, {NODE: 2000})
+    pod = TrackedPod(PodState(view(whole)))
+    assert target_cpu(order, SLAM, pod, pod.view.containers[0], None) == Cpu(None, None)
 
 
 ROWS = table_rows()

@@ -50,12 +50,13 @@ def target_cpu(
 ) -> Cpu:
     """The resources that the container's share means. Nothing sets a limit where there was none: it could never go.
 
-    A Guaranteed pod keeps its class: request and limit stay equal. A Burstable one does too: they stay apart.
+    A Guaranteed pod keeps its class: request and limit stay equal, if it has these of its containers and not as a whole
+    (`spec.resources`). A Burstable one does too: they stay apart.
     """
     ownership = pod.owned.get(container.name)
     before = original.cpu if original else ownership.cpu if ownership else container.spec
     wanted = order.limits.get(identity, order.shares[identity])
-    if pod.view.qos == "Guaranteed":
+    if pod.view.qos == "Guaranteed" and before.limit is not None:
         limit = before.limit if wanted is None else wanted
         return Cpu(limit, limit)
     if before.limit is None or wanted is None:
