@@ -302,10 +302,10 @@ def test_restarted_agent_knows_the_conversion_from_the_journal(tree, weights, sl
 @LINEAR
 @pytest.mark.usefixtures("klass")
 @pytest.mark.parametrize("request_of_slam", [{}, {"slam": 777}], ids=["without a request", "of another weight"])
-def test_other_pods_tell_the_conversion_where_a_container_does_not(  # noqa: PLR0913, PLR0917 - fixtures
+def test_other_pods_show_the_conversion_where_a_container_does_not(  # noqa: PLR0913, PLR0917 - fixtures
     tree, weights, slam, sidecar, speech, linear, request_of_slam
 ):
     tree.set_weight(speech, of_container(200, 2, linear=linear))
-    known = {slam: amount for amount in request_of_slam.values()}
+    known = dict(zip([slam], request_of_slam.values(), strict=False))
     weights.apply(POLICY, {slam: 500, speech: 50}, known | {speech: 200})
     assert tree.weight(slam) == tree.weight(sidecar)

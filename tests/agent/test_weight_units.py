@@ -58,7 +58,7 @@ def test_linear_weight_converts_back_to_a_request_of_the_same_weight(millicores)
     ("weight", "millicores", "linear"),
     [(20, 500, True), (59, 500, False), (21, 500, None), (1, 0, None), (1, 10, True), (4, 10, False)],
 )
-def test_a_weight_of_a_known_request_tells_the_conversion(weight, millicores, linear):
+def test_a_weight_of_a_known_request_shows_the_conversion(weight, millicores, linear):
     assert units.is_linear(weight, millicores) is linear
 
 

@@ -134,7 +134,7 @@ def test_a_container_that_a_resize_would_restart_is_left_alone_and_reported_once
     assert "slam-2/slam restarts whenever its CPU changes" in message
 
 
-def test_agents_are_told_to_leave_what_another_writer_insists_on(running):
+def test_agents_leave_what_another_writer_insists_on(running):
     for _ in range(STRIKES + 1):
         running.cluster.edit("uid-slam", "slam", cpu="300m")
         running.settle()

@@ -220,7 +220,7 @@ class Limits:
 
         That is what the kubelet made of the API's limit: nothing for a container with processors of its own (static CPU
         manager, since Kubernetes 1.33), nor with `cpuCFSQuota: false`. No policy takes a limit away, and nobody has put
-        one there: that is how the ledger tells, and the file where that has no entry. A larger limit may be a plan's.
+        one there: the ledger shows it, and the file where that has no entry. A larger limit may be a plan's.
         """
         file = self._files[group]
         entry = self._ledger.entries.get(file.path)

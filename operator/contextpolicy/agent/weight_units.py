@@ -42,7 +42,7 @@ def of_container(millicores: int, version: int, *, linear: bool = False) -> int:
 
 
 def is_linear(weight: int, millicores: int) -> bool | None:
-    """Whether the runtime converts linearly, by a container of this request; None where that can't be told."""
+    """Whether the runtime converts linearly, by a container of this request; None where it shows neither."""
     found = {of_container(millicores, 2, linear=linear): linear for linear in (True, False)}
     return found.get(weight) if len(found) > 1 else None
 

@@ -24,7 +24,7 @@ class Contests:
         return self._left.get(uid, {}).get(name)
 
     def note(self, pod: PodView, name: str, limit: int | None) -> None:
-        """This limit of the container is left in place, or (None) none."""
+        """Remember which limit of the container is left in place; None if none is."""
         if limit == self.left(pod.uid, name):
             return
         limits = self._left.setdefault(pod.uid, {})
