@@ -75,7 +75,7 @@ def outcome(pod_class: str, control: str, agent: str, speed: float) -> str:
         done = "left alone"
     else:
         order = order_of(policy, claimed, plan.nodes, agents=own.agents)
-        targets = message(policy, 1, plan, claimed, pods)["targets"] if agent == "yes" else []
+        targets = message(policy, 1, plan, claimed, pods, own.most_weight)["targets"] if agent == "yes" else []
         before = pods[0].containers[0].spec
         parts = [*written(targets, before), *asked(order, pods[0], before)]
         done = "; ".join(parts) or "untouched"

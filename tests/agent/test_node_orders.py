@@ -95,7 +95,7 @@ def test_a_share_in_cores_comes_back_as_the_same_part_of_the_period(processors, 
     policy = a_policy(tasks=tasks, contexts=contexts, enforcement={"scheduler": "Realtime"})
     containers = tuple(Container(f"lab/{task}/{task}", task, cluster.NODE) for task in parts)
     plan = Story(policy, Placement({cluster.NODE: processors * 1000}, containers)).last
-    sent = message(policy, 1, plan, containers, map(a_starting_pod, parts))
+    sent = message(policy, 1, plan, containers, map(a_starting_pod, parts), {cluster.NODE: processors * 1000})
     assert sent["tasks"]["slam"]["share"] == part * processors / 1000
     heard = read(msgspec.json.encode(sent), policy.reference, cluster.NODE)
     assert [target.part(processors) for target in heard.targets] == list(parts.values())

@@ -15,6 +15,8 @@ from tests.bus.deciding import POLICY
 from tests.cluster.builders import NODE, a_pod, cpu
 from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task
 
+WHOLE = {NODE: 2000}
+"""The policy's weights may add up to the node."""
 CONTAINERS = tuple(Container(f"lab/{name}/{name}", name, NODE, limit=500) for name in ("slam", "speech"))
 
 
@@ -30,7 +32,7 @@ def pods(*names):
 
 
 def test_message_has_every_field_that_readers_need(story):
-    made = message(POLICY, 17, story.last, CONTAINERS, pods("slam", "speech"))
+    made = message(POLICY, 17, story.last, CONTAINERS, pods("slam", "speech"), WHOLE)
     assert json.loads(json.dumps(made)) == {
         "policy": "lab/robot",
         "run": 17,
@@ -101,7 +103,7 @@ def written(control, container, pod=None, *, speed=0.3):
     story = Story(policy, Placement({NODE: 2000}, (CONTAINERS[0], container), agents=frozenset({NODE})))
     story.sample("imu", at=1, speed=speed)
     containers, shown = (CONTAINERS[0], container), view(pod or a_pod("speech"))
-    [target] = message(policy, 1, story.last, containers, [shown])["targets"]
+    [target] = message(policy, 1, story.last, containers, [shown], WHOLE)["targets"]
     return target["weight"], target["quota"], target["held"]
 
 
@@ -143,7 +145,7 @@ def test_limit_of_zero_means_no_limit():
 def test_excessive_limit_is_capped(story):
     containers = (CONTAINERS[0], replace(SPEECH, limit=1_500_000))
     pod = a_pod("speech", {"speech": cpu("10m", "1500")})
-    [target] = message(POLICY, 1, story.last, containers, [view(pod)])["targets"]
+    [target] = message(POLICY, 1, story.last, containers, [view(pod)], WHOLE)["targets"]
     assert (target["original"], target["limit"]) == (MOST_CORES, MOST_CORES)
     assert written(Control.WEIGHT, containers[1], speed=0.0)[1] == MOST_CORES
 
@@ -151,7 +153,7 @@ def test_excessive_limit_is_capped(story):
 def test_the_limit_of_a_pod_as_a_whole_is_sent(story):
     pod = a_pod("slam")
     pod["spec"]["resources"] = {"limits": {"cpu": "600m"}}
-    [target] = message(POLICY, 1, story.last, CONTAINERS, [view(pod)])["targets"]
+    [target] = message(POLICY, 1, story.last, CONTAINERS, [view(pod)], WHOLE)["targets"]
     assert target["podLimit"] == 0.6
 
 
@@ -169,19 +171,19 @@ def test_realtime_lowers_the_quota_of_suspended_tasks_only():
     policy = replace(POLICY, tasks=tasks, enforcement=Enforcement(scheduler=Scheduler.REALTIME))
     story = Story(policy, Placement({NODE: 2000}, CONTAINERS))
     story.sample("imu", at=1, speed=0.3)
-    targets = message(policy, 1, story.last, CONTAINERS, pods("slam", "speech"))["targets"]
+    targets = message(policy, 1, story.last, CONTAINERS, pods("slam", "speech"), WHOLE)["targets"]
     assert {target["task"]: target["quota"] for target in targets} == {"slam": 0.5, "speech": 0.05}
     assert targets[1]["cores"] < 0.01, "a suspended task leaves realtime, so it takes no part of that budget"
 
 
 def test_only_containers_with_a_share_are_targets(story):
-    targets = message(POLICY, 1, story.last, CONTAINERS[:1], pods("slam", "speech", "other"))["targets"]
+    targets = message(POLICY, 1, story.last, CONTAINERS[:1], pods("slam", "speech", "other"), WHOLE)["targets"]
     assert [target["container"] for target in targets] == ["slam"]
 
 
 def test_pod_moved_to_a_node_without_a_plan_is_still_a_target(story):
     moved = [replace(container, node="elsewhere") for container in CONTAINERS]
-    targets = message(POLICY, 1, story.last, moved, pods("slam", "speech"))["targets"]
+    targets = message(POLICY, 1, story.last, moved, pods("slam", "speech"), WHOLE)["targets"]
     assert [target["task"] for target in targets] == ["slam", "speech"]
 
 
@@ -193,12 +195,33 @@ def test_quota_under_weight_is_the_max_of_the_active_context():
     quotas = []
     for at, speed in ((1, 0.0), (2, 0.3), (3, 0.0)):
         story.sample("imu", at=at, speed=speed)
-        quotas.append(message(policy, 1, story.last, CONTAINERS, pods("slam"))["targets"][0]["quota"])
+        quotas.append(message(policy, 1, story.last, CONTAINERS, pods("slam"), WHOLE)["targets"][0]["quota"])
     assert quotas == [1.5, 0.7, 1.5]
 
 
 def test_a_container_that_does_not_run_has_no_limit_in_force(story):
     pod = a_pod("slam")
     del pod["status"]["containerStatuses"]
-    [target] = message(POLICY, 1, story.last, CONTAINERS, [view(pod)])["targets"]
+    [target] = message(POLICY, 1, story.last, CONTAINERS, [view(pod)], WHOLE)["targets"]
     assert (target["limit"], target["containerId"]) == (None, "")
+
+
+def weights(most, **protected):
+    """The weights of slam and speech, of which slam has nine tenths of the node."""
+    tasks = [a_task("slam", priority=9), a_task("speech", priority=1, **protected)]
+    policy = a_policy(streams=[a_stream("imu")], tasks=tasks, contexts=[], enforcement={"control": "Weight"})
+    story = Story(policy, Placement({NODE: 2000}, CONTAINERS))
+    story.sample("imu", at=1, speed=0.0)
+    targets = message(policy, 1, story.last, CONTAINERS, pods("slam", "speech"), most)["targets"]
+    return [target["weight"] for target in targets]
+
+
+def test_weights_are_cut_alike_to_what_they_may_add_up_to():
+    assert weights({NODE: 2000}) == [1.8, 0.2]
+    assert weights({NODE: 500}) == [0.45, 0.05]
+    assert weights({NODE: 500}, protected=True) == [0.321, 0.178]
+    assert weights({NODE: 500}, protected=True, min="190m") == [0.31, 0.19]
+
+
+def test_no_weight_is_written_where_none_is_allowed_for():
+    assert weights({}) == weights({"elsewhere": 2000}) == [None, None]

@@ -60,3 +60,15 @@ def test_requests_are_summed_by_node_without_some_namespaces():
     assert directory.requested(but={"lab"}) == {NODE: 100, "robot-2": 100}
     directory.pop("uid-arm")
     assert directory.requested(but={"lab"}) == {"robot-2": 100}
+
+
+def test_only_what_kubelets_have_granted_weighs():
+    directory = PodDirectory()
+    pending = a_pod("pending", namespace="elsewhere")
+    directory.put(view(pending | {"status": {"phase": "Pending"}}))
+    directory.put(pod("arm", namespace="elsewhere"))
+    assert directory.requested(but=()) == {NODE: 200}
+    assert directory.granted(but=()) == {NODE: 100}
+    directory.put(view(pending))
+    assert directory.granted(but=()) == {NODE: 200}
+    assert directory.granted(but={"elsewhere"}) == {}

@@ -13,8 +13,10 @@ from tests.cluster.claiming import claim
 WEIGHTED = {"enforcement": {"control": "Weight"}}
 
 
-def room_of(*policies, pods, **more):
-    found = claim(policies, pods, NODES, **more)
+def room_of(*policies, pods, elsewhere=None, **more):
+    """`elsewhere` is what pods of other namespaces request and have been granted."""
+    others = elsewhere or {}
+    found = claim(policies, pods, NODES, elsewhere=others, weighing=others, **more)
     return {policy.name: found[policy.reference].room.get(NODE) for policy in policies}
 
 
@@ -49,3 +51,14 @@ def test_dry_run_policy_reports_its_hypothetical_room():
     dry = replace(policy_of("dry", "speech", **WEIGHTED), mode=Mode.DRY_RUN)
     pods = views("slam", "speech", "driver")
     assert room_of(first, dry, pods=pods) == {"first": 1000, "dry": 950}
+
+
+def test_another_namespaces_policy_does_not_cut_requests_below_ones_own():
+    """The robot may use no more than it requests, and all were cut by one factor to fit beside the driver."""
+    robot = policy_of("robot", "slam", **WEIGHTED)
+    other = replace(policy_of("other", "arm", **WEIGHTED), namespace="elsewhere")
+    pods = [
+        view(a_pod("slam", {"slam": cpu("600m", "600m")})),
+        view(a_pod("arm", {"arm": cpu("10m", "64")}, namespace="elsewhere")),
+    ]
+    assert room_of(other, robot, pods=pods, elsewhere={NODE: 500}) == {"robot": 600, "other": 900}

@@ -14,5 +14,5 @@ def test_replay_divides_the_recorded_capacity(scheduler):
     tasks = [a_task("slam", priority=3), a_task("speech")]
     policy = a_policy(tasks=tasks, enforcement={"scheduler": scheduler}, reserve="100m")
     recorded = Story(policy, on_node("slam", "speech", cores=4))
-    robot = robot_of(message(policy, 1, recorded.last, (), ()), policy.reserve)
+    robot = robot_of(message(policy, 1, recorded.last, (), (), {}), policy.reserve)
     assert Story(policy, robot.placement(policy)).shares() == recorded.shares()

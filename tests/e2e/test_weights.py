@@ -27,7 +27,9 @@ THREADS = (
 SLAM = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": "2", "memory": "64Mi"}}
 HOG = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"memory": "64Mi"}}
 GUARANTEED = {kind: {"cpu": "200m", "memory": "64Mi"} for kind in ("requests", "limits")}
-SHARES = {"slam": 1800, "speech": 200}
+NODE, BESIDE = 2000, 210
+"""The node, and what the pods of `hogs` request of it: so the weights of the tasks add up to the rest."""
+PARTS = {"slam": 0.9, "speech": 0.1}
 ALL_PODS = Path("/sys/fs/cgroup/cpuacct/kubepods/cpuacct.usage")
 SYSTEM = 1024
 """The weight that systemd gives to a slice."""
@@ -94,12 +96,12 @@ def _spin(procs):
 
 
 def entitled():
-    """The part of all pods' CPU that slam's weight entitles it to, from the API's requests and the plan's shares.
+    """The part of all pods' CPU that slam's weight entitles it to, from the API's requests and the tasks' weights.
 
     What all pods get beside system.slice, and beside whatever else runs on the machine, is not a policy's to decide.
     """
-    burstable = sum(of_pod(cores, 1) for cores in (*SHARES.values(), 10))
-    return of_pod(SHARES["slam"], 1) / (burstable + of_pod(200, 1) + 2)
+    own = {name: of_pod(round((NODE - BESIDE) * part), 1) for name, part in PARTS.items()}
+    return own["slam"] / (sum(own.values()) + of_pod(10, 1) + of_pod(200, 1) + 2)
 
 
 def received(robot):
@@ -115,17 +117,19 @@ def weight(folder):
     return int((folder / FILES[1]).read_text())
 
 
-def govern(robot, **more):
+def govern(robot, divided=NODE - BESIDE, **more):
     """Slam gets nine times what speech gets, and speech nothing while the robot moves."""
     tasks = [task("slam", priority=9), task("speech", priority=1)]
     robot.policy(reserve="0", enforcement={"control": "Weight"}, tasks=tasks, **more)
-    weighted(robot)
+    weighted(robot, divided * PARTS["slam"])
 
 
-def weighted(robot):
+def weighted(robot, slam=(NODE - BESIDE) * PARTS["slam"]):
+    """Other pods keep what they request: so much is left for slam, in thousandths of a core."""
+
     def right():
         own = group(robot, "slam").parent
-        return weight(own) == of_pod(SHARES["slam"], 1) or weight(own)
+        return weight(own) == of_pod(round(slam), 1) or weight(own)
 
     until("slam has its weight", right)
 
@@ -187,8 +191,20 @@ def test_a_deleted_policy_leaves_every_weight_as_the_api_says(tasks):
     until("all weights are back", lambda: (now := [weight(folder) for folder in folders]) == before or now)
 
 
+@pytest.mark.usefixtures("hogs")
+def test_pods_without_a_policy_receive_what_they_request(tasks):
+    """Under full contention, and although the policy's protected tasks would each weigh a core."""
+    own = [task(name, protected=True) for name in ("slam", "speech")]
+    tasks.policy(reserve="0", enforcement={"control": "Weight"}, tasks=own)
+    weighted(tasks, (NODE - BESIDE) / 2)
+    whole = int(ALL_PODS.read_text())
+    cores = usage(tasks, "guaranteed", seconds=WINDOW)
+    total = (int(ALL_PODS.read_text()) - whole) / 1e9 / WINDOW
+    assert cores["guaranteed"] / total >= ENOUGH * 200 / NODE, "of what all pods get"
+
+
 def test_requests_are_unchanged(tasks):
-    govern(tasks)
+    govern(tasks, divided=NODE)
     tasks.drive(0.3)
     tasks.expect(speech=10)
     tasks.drive(0.0)

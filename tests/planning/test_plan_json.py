@@ -34,7 +34,7 @@ def documented():
 
 def test_bus_and_report_say_the_same():
     own = plan_json(POLICY, a_plan())
-    reported = message(POLICY, 17, a_plan(), CONTAINERS, [])
+    reported = message(POLICY, 17, a_plan(), CONTAINERS, [], {})
     assert {name: value for name, value in reported.items() if name in own} == own
     document = report.as_fields(POLICY, [a_plan()], timeline="demo")
     assert document == {"policy": "lab/robot", "timeline": "demo", "plans": [json.loads(json.dumps(own))]}
@@ -43,7 +43,7 @@ def test_bus_and_report_say_the_same():
 def test_every_field_is_documented_and_no_other():
     own, added = documented()
     assert own == plan_json(POLICY, a_plan()).keys()
-    assert added == message(POLICY, 17, a_plan(), CONTAINERS, []).keys() - own | {"edition", "trigger"}
+    assert added == message(POLICY, 17, a_plan(), CONTAINERS, [], {}).keys() - own | {"edition", "trigger"}
     assert a_message().keys() <= own | added
 
 

@@ -232,3 +232,24 @@ def test_contexts_move_requests_but_not_the_factor(running):
     for speed in (0.3, 0.0, 0.3):
         running.react(IMU, speed=speed)
         assert factor(running) == 0.5
+
+
+def weights(running):
+    """Those in the newest plan."""
+    return {target["task"]: target["weight"] for target in running.session.plans()[-1]["targets"]}
+
+
+def test_a_pod_that_comes_takes_its_request_from_the_weights(running):
+    running.apply(a_policy(generation=2, enforcement={"control": "Weight"}))
+    running.settle()
+    assert weights(running) == {"slam": 0.5, "speech": 0.5}
+    before = running.session.plans()[-1]
+    running.operator.pod_changed(a_pod("driver", {"driver": cpu("200m", None)}, namespace="kube-system"))
+    running.settle()
+    now = running.session.plans()[-1]
+    assert weights(running) == {"slam": 0.4, "speech": 0.4}
+    assert now["sequence"] == before["sequence"], "the shares are the same"
+    assert now["edition"] == before["edition"] + 1
+    running.operator.pod_gone("uid-driver")
+    running.settle()
+    assert weights(running) == {"slam": 0.5, "speech": 0.5}

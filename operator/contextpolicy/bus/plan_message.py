@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.bus.target_weights import fit_weights
 from contextpolicy.cluster.container_names import container_id
 from contextpolicy.planning.allocation.enforcement import amounts
 from contextpolicy.planning.plan_json import plan_json
 from contextpolicy.policy.spec import Control, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from contextpolicy.cluster.pods import ContainerView, PodView
     from contextpolicy.planning.allocation.enforcement import Amounts
@@ -25,11 +26,20 @@ MOST_CORES = 1024
 """Cores: no node has more. A larger limit, such as a `1500` that lacks its `m`, is sent as this: it binds nowhere."""
 
 
-def message(
-    policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
+def message(  # noqa: PLR0913, PLR0917 - all that a message says
+    policy: Policy,
+    run: int,
+    plan: Plan,
+    containers: Iterable[Container],
+    pods: Iterable[PodView],
+    most_weight: Mapping[str, int],
 ) -> dict[str, Any]:
-    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the publisher adds those."""
-    return {**plan_json(policy, plan), "run": run, "targets": list(_targets(policy, plan, containers, pods))}
+    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the publisher adds those.
+
+    `most_weight` is what the weights may add up to, by node.
+    """
+    targets = fit_weights(policy, list(_targets(policy, plan, containers, pods)), most_weight)
+    return {**plan_json(policy, plan), "run": run, "targets": targets}
 
 
 def _targets(

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.cluster.matches import examine, misnamed
 from contextpolicy.cluster.parts import Stake, parts
-from contextpolicy.cluster.room import room_of
+from contextpolicy.cluster.room import groups, party, rooms
+from contextpolicy.cluster.weight_bounds import most_weights
 from contextpolicy.planning.allocation.placement import QUANTUM, Placement
 from contextpolicy.policy.spec import Control
 
@@ -47,6 +48,8 @@ class Claim:
     """By node, why the policy divides less of it than it could alone."""
     room: dict[str, int] = field(default_factory=dict)
     """What the requests of its containers may add up to beside those of others, by node where weights are requests."""
+    most_weight: dict[str, int] = field(default_factory=dict)
+    """What the weights of its containers may add up to, by node: all others keep what they request."""
 
 
 def claim(  # noqa: PLR0913 - all that a claim depends on
@@ -58,6 +61,7 @@ def claim(  # noqa: PLR0913 - all that a claim depends on
     *,
     agents: Collection[str] = (),
     elsewhere: Mapping[str, int] = _NOTHING,
+    weighing: Mapping[str, int] = _NOTHING,
     doubt: Callable[[str], str | None] = lambda _: None,
     left: Callable[[str, str], int | None] = lambda *_: None,
 ) -> dict[str, Claim]:
@@ -73,8 +77,8 @@ def claim(  # noqa: PLR0913 - all that a claim depends on
 
     `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
     container had before any policy. `agents` are the nodes whose agents write limits; `elsewhere` is what pods that are
-    not among `pods` request, by node. `doubt` says of a pod's UID why it must be left alone, if it must, `left` of a
-    UID and a container's name which limit another writer insists on.
+    not among `pods` request, by node, and `weighing` what of that kubelets have granted. `doubt` says of a pod's UID
+    why it must be left alone, if it must, `left` of a UID and a container's name which limit another writer insists on.
     """
     pods = list(pods)
     live = _live(pods, nodes)
@@ -87,11 +91,16 @@ def claim(  # noqa: PLR0913 - all that a claim depends on
     placed = {policy.reference: registry.admit(policy, matches) for policy, matches in found}
     held = {reference: (own.placement.containers, registry.parts[reference]) for reference, own in placed.items()}
     free = {node: size - elsewhere.get(node, 0) for node, size in nodes.items() if node not in agents}
-    room = room_of([policy for policy, _ in found], held, free, pods, original)
+    requests = {match.container.id: match.stake.request for _, matches in found for match in matches}
+    beside = {node: size - weighing.get(node, 0) for node, size in nodes.items()}
+    for group in groups([policy for policy, _ in found]):
+        most = most_weights(group, held, requests, tenants, beside, pods)
+        parties = [party(one, held[one.reference][0], most[one.reference]) for one in group]
+        room = rooms(parties, free, pods, original)
+        for one in group:
+            placed[one.reference].most_weight, placed[one.reference].room = most[one.reference], room[one.reference]
     for policy, _ in found:
-        own = placed[policy.reference]
-        own.room = room.get(policy.reference, {})
-        own.misnamed = misnamed(policy, live[policy.namespace])
+        placed[policy.reference].misnamed = misnamed(policy, live[policy.namespace])
     return {policy.reference: placed.get(policy.reference) or _alone(policy, policies) for policy in policies}
 
 

@@ -8,6 +8,7 @@ from weakref import WeakValueDictionary
 
 from contextpolicy.cluster.pods import PodView
 from contextpolicy.cluster.room import requested
+from contextpolicy.cluster.weight_bounds import granted
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -22,6 +23,8 @@ class PodDirectory:
         self._namespaces: WeakValueDictionary[str, _Pods] = WeakValueDictionary()
         self._requests: Counter[tuple[str, str]] = Counter()
         """The CPU that pods request, by namespace and node."""
+        self._grants: Counter[tuple[str, str]] = Counter()
+        """What of that kubelets have granted."""
 
     def put(self, pod: PodView) -> PodView | None:
         """Keep the pod's newest view; returns the one before, None if the pod is new."""
@@ -44,19 +47,17 @@ class PodDirectory:
 
     def requested(self, but: Collection[str]) -> dict[str, int]:
         """The CPU that pods request, by node, in thousandths of a core; `but` are namespaces that don't count."""
-        found: Counter[str] = Counter()
-        for (namespace, node), amount in self._requests.items():
-            if namespace not in but:
-                found[node] += amount
-        return dict(found)
+        return _by_node(self._requests, but)
+
+    def granted(self, but: Collection[str]) -> dict[str, int]:
+        """What of that kubelets have granted: what the pods weigh."""
+        return _by_node(self._grants, but)
 
     def _count(self, pod: PodView | None, sign: int) -> None:
-        amount = requested(pod) if pod is not None else 0
-        if pod is not None and amount:
+        if pod is not None:
             place = pod.namespace, pod.node
-            self._requests[place] += sign * amount
-            if not self._requests[place]:
-                del self._requests[place]
+            _add(self._requests, place, sign * requested(pod))
+            _add(self._grants, place, sign * granted(pod))
 
     def _in(self, namespace: str) -> _Pods:
         return self._namespaces.setdefault(namespace, _Pods())
@@ -64,3 +65,17 @@ class PodDirectory:
 
 class _Pods(dict[str, PodView]):
     """By UID. A plain dict can't be held weakly."""
+
+
+def _add(amounts: Counter[tuple[str, str]], place: tuple[str, str], amount: int) -> None:
+    amounts[place] += amount
+    if not amounts[place]:
+        del amounts[place]
+
+
+def _by_node(amounts: Counter[tuple[str, str]], but: Collection[str]) -> dict[str, int]:
+    found: Counter[str] = Counter()
+    for (namespace, node), amount in amounts.items():
+        if namespace not in but:
+            found[node] += amount
+    return dict(found)

@@ -49,7 +49,7 @@ class Party:
 
 
 def party(policy: Policy, containers: Iterable[Container], parts: Mapping[str, int]) -> Party:
-    """The policy divides these `parts` of its nodes; the factor is as in `actuators.order.request_factors`."""
+    """The policy may weigh these `parts` of its nodes; the factor is as in `actuators.order.request_factors`."""
     most = {task.name: task.max for task in policy.tasks}
     here: dict[str, dict[str, int]] = defaultdict(dict)
     for one in filter(attrgetter("weighted"), containers):
@@ -59,23 +59,6 @@ def party(policy: Policy, containers: Iterable[Container], parts: Mapping[str, i
         total = max(1, sum(own.values()))
         found.asked[node] = min(parts[node], total)
         found.moved |= {identity: amount * found.asked[node] / total for identity, amount in own.items()}
-    return found
-
-
-def room_of(
-    policies: Sequence[Policy],
-    held: Mapping[str, tuple[Iterable[Container], Mapping[str, int]]],
-    free: Mapping[str, int],
-    pods: Sequence[PodView],
-    original: Original,
-) -> dict[str, dict[str, int]]:
-    """What the requests of each policy may add up to, by node; `held` are its containers and parts of nodes.
-
-    `free` is as `nodes` of `rooms`.
-    """
-    found: dict[str, dict[str, int]] = {}
-    for group in groups(policies):
-        found |= rooms([party(one, *held[one.reference]) for one in group], free, pods, original)
     return found
 
 

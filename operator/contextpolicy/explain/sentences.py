@@ -103,7 +103,8 @@ def _enforced(control: str, own: Mapping[str, Any], share: int) -> Iterator[str]
     if control == Control.WEIGHT:
         yield "That is its weight where CPU is contested (control Weight); it may also use what others leave idle."
         if own["protected"] and share < PROTECTED_WEIGHT:
-            yield f"It is protected, so its weight is {_cpu(PROTECTED_WEIGHT)}: a small weight waits long for its turn."
+            least = _cpu(PROTECTED_WEIGHT)
+            yield f"It is protected, so beside the other tasks it weighs {least}: a small weight waits long for its turn."
 
 
 def _shareless(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> str:

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.cluster.agent_reports import unwritten, with_agents, writing
 from contextpolicy.cluster.claims import claim
+from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.pod_directory import PodDirectory
 from contextpolicy.cluster.room import demand
+from contextpolicy.cluster.weight_bounds import granted
 from contextpolicy.policies.handover import Holdings, givers_first
 
 if TYPE_CHECKING:
@@ -52,8 +54,8 @@ class Binder:
         """By UID: a recreated policy may be listed before the old one is gone."""
         self._moved: set[str] = set()
         """Namespaces whose pods came, went or moved since the last placement."""
-        self._elsewhere: dict[str, int] = {}
-        """What pods of namespaces without policies request, on the nodes where that decides about any policy."""
+        self._elsewhere: dict[str, tuple[int, int]] = {}
+        """What pods of namespaces without policies request, and are granted, where that decides about any policy."""
         self._owned: dict[str, frozenset[str]] = {}
         """The containers of each policy at the last placement, also of one that has been edited since."""
         contests.changes.subscribe(self._move)
@@ -110,7 +112,7 @@ class Binder:
         namespaces = {policy.namespace for policy in policies}
         pods = chain.from_iterable(self.pods.of(namespace) for namespace in namespaces)
         nodes, agents = {node.name: node.cpu for node in self.nodes.values()}, writing(self._bus.reports)
-        elsewhere = self.pods.requested(but=namespaces)
+        elsewhere, weighing = self.pods.requested(but=namespaces), self.pods.granted(but=namespaces)
         claims = claim(
             policies,
             pods,
@@ -119,10 +121,15 @@ class Binder:
             self._tenants,
             agents=agents,
             elsewhere=elsewhere,
+            weighing=weighing,
             doubt=self._originals.doubt,
             left=self._contests.left,
         )
-        self._elsewhere = {node: elsewhere.get(node, 0) for own in claims.values() for node in own.room}
+        self._elsewhere = {
+            node: (elsewhere.get(node, 0), weighing.get(node, 0))
+            for own in claims.values()
+            for node in (*own.room, *own.most_weight)
+        }
         return [
             (runner, self._with_agents(policy, claims[policy.reference]))
             for runner, policy in zip(runners, policies, strict=True)
@@ -131,8 +138,11 @@ class Binder:
     def _is_room_changed(self) -> bool:
         if not self._elsewhere:
             return False
-        now = self.pods.requested(but={runner.policy.namespace for runner in self._registry.runners()})
-        return any(now.get(node, 0) != before for node, before in self._elsewhere.items())
+        namespaces = {runner.policy.namespace for runner in self._registry.runners()}
+        requested, weighing = self.pods.requested(but=namespaces), self.pods.granted(but=namespaces)
+        return any(
+            (requested.get(node, 0), weighing.get(node, 0)) != before for node, before in self._elsewhere.items()
+        )
 
     def _with_agents(self, policy: Policy, found: Claim) -> Claim:
         own = with_agents(policy, found, self._bus.reports)
@@ -173,7 +183,11 @@ class Binder:
             for c in pod.containers
             for before in [original(pod.uid, c.name) or c.spec]
         )
-        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds, demand(pod, original)
+        before = {
+            container_id(pod, c.name): cpu.request or 0 for c in pod.containers if (cpu := original(pod.uid, c.name))
+        }
+        weighs = granted(pod, before)
+        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds, demand(pod, original), weighs
 
 
 def _containers(runner: PolicyRunner, own: Claim) -> frozenset[str]:

@@ -39,7 +39,7 @@ class PlanPublisher:
         self.sequence = 0
         """That of the plan that was published last."""
         self._edition = 0
-        self._whereabouts: list[tuple[str, str]] | None = None
+        self._whereabouts: list[tuple[str, str, float | None]] | None = None
 
     def open(self, answers: Answers) -> None:
         """Go on the bus. An earlier, enforced version may have left a plan in force with the agents."""
@@ -75,7 +75,10 @@ class PlanPublisher:
         self._publish(self._now() if trigger is None else self._wall(trigger))
 
     def publish_moves(self) -> None:
-        """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups."""
+        """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups.
+
+        Also if pods of others came or went, so that the same shares weigh less or more.
+        """
         content = self.message()
         if content is not None and _whereabouts(content) != self._whereabouts:
             self.publish_again()
@@ -103,7 +106,10 @@ class PlanPublisher:
         plan = self._planner.last
         if plan is None:
             return None
-        content = message(self._policy, self.run, plan, self.claim.placement.containers, self._pods)
+        claim = self.claim
+        content = message(
+            self._policy, self.run, plan, claim.placement.containers, self._pods, most_weight=claim.most_weight
+        )
         return {**content, "time": self._wall(plan.time), "edition": self._edition}
 
     def _publish(self, trigger: float) -> None:
@@ -132,5 +138,5 @@ class PlanPublisher:
         return planning_time - self._services.clock.ahead
 
 
-def _whereabouts(content: Mapping[str, Any]) -> list[tuple[str, str]]:
-    return [(target["node"], target["containerId"]) for target in content["targets"]]
+def _whereabouts(content: Mapping[str, Any]) -> list[tuple[str, str, float | None]]:
+    return [(target["node"], target["containerId"], target["weight"]) for target in content["targets"]]

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+from contextpolicy.planning.allocation.enforcement import fitted
 from contextpolicy.planning.allocation.shares import Demand, divide
-from tests.bench.enforcement.policy import ATTEMPTS, PROTECTED, STEP, TABLE, WEIGHTED, Table
+from tests.bench.enforcement.policy import ATTEMPTS, STEP, TABLE, WEIGHTED, Table
 from tests.bench.enforcement.stories import PROCESSORS
 
 if TYPE_CHECKING:
@@ -136,13 +137,16 @@ def _limits(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
 
 
 def _weights(tasks: Sequence[Task], context: Context, table: Table = WEIGHTED) -> dict[str, Setting]:
-    """A weight from the share; a suspended task has the least one, and soon a quota."""
+    """A weight from the share, all cut alike to what the processors are; a suspended one is least, and soon has a quota.
+
+    So much a robot's policy may weigh on a node that nobody else requests anything of. Beside other pods it is less, and
+    the weights compare in the same way.
+    """
     running = [task for task in tasks if task.name not in context.suspends]
     wanted = sum(task.wants for task in running) / PROCESSORS
-    found = {
-        name: max(share, table.least if name in PROTECTED else 0)
-        for name, share in shares(tasks, context, table).items()
-    }
+    own = shares(tasks, context, table)
+    raised = {task.name: max(own[task.name], table.least if task.protected else 0) for task in running}
+    found = fitted(raised, table.floors(running), PROCESSORS * 1000)
     quota = STEP if table.freeze else None
     suspended = dict.fromkeys(context.suspends, Setting(LEAST_SHARES, quota=quota, after=table.grace))
     return {

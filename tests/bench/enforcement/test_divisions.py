@@ -2,6 +2,8 @@
 
 import pytest
 
+from contextpolicy.bus.decision_bus import message
+from contextpolicy.cluster.pods import view
 from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
 from tests.bench.enforcement.divisions import (
     BUDGETS,
@@ -21,8 +23,11 @@ from tests.bench.enforcement.divisions import (
     division,
     kubelet_shares,
 )
-from tests.bench.enforcement.policy import ATTEMPTS, STEP
+from tests.bench.enforcement.policy import ATTEMPTS, STEP, WEIGHTED
 from tests.bench.enforcement.stories import IMPORTANCE, PROCESSORS, SUSPENDING, tasks
+from tests.cluster.builders import NODE, a_pod, cpu
+from tests.cluster.claiming import claim
+from tests.planning.builders import Story, a_context, a_policy, a_task
 
 HEAVY = tasks(1.3)
 NAMES = {task.name for task in HEAVY}
@@ -81,16 +86,59 @@ def test_context_weights_favour_the_critical_task_of_each_context(story):
         assert all(one.quota is None for name, one in found.items() if name not in context.suspends)
 
 
-def test_context_weights_are_eq_1_in_the_kubelets_unit():
+def test_context_weights_compare_as_eq_1_and_add_up_to_the_processors():
     # 1900m over 100 + 10 + 3 + 3 + 3, with imu kept at its floor of 100m: to steps of 10m
     found = settings(WEIGHTS)["drive"]
-    assert found["slam"].shares == pytest.approx(1900 * 100 / 119 * 1.024, abs=11)
-    assert found["map"].shares == pytest.approx(1900 * 3 / 119 * 1.024, abs=11)
+    slam, other = 1900 * 100 / 119, 1900 * 3 / 119
+    factor = PROCESSORS * 1000 / (slam + 3 * other + 2 * PROTECTED_WEIGHT)
+    assert found["slam"].shares == pytest.approx(slam * factor * 1.024, abs=11)
+    assert found["map"].shares == pytest.approx(other * factor * 1.024, abs=11)
+    assert sum(one.shares for one in found.values()) == pytest.approx(PROCESSORS * CORE, abs=2 * len(found))
 
 
-def test_a_protected_task_weighs_a_core_however_small_its_share():
+def test_a_protected_task_weighs_a_core_beside_the_others_however_small_its_share():
     found = settings(WEIGHTS)["drive"]
-    assert found["nav"].shares == found["imu"].shares == kubelet_shares(PROTECTED_WEIGHT) == 1024
+    assert found["nav"].shares == found["imu"].shares
+    assert found["nav"].shares / found["slam"].shares == pytest.approx(PROTECTED_WEIGHT * 119 / 1900 / 100, rel=0.01)
+
+
+def written(context, beside=0):
+    """What the product writes for this robot, in shares by task; others request so much of its node."""
+    effects = {
+        task.name: {"suspend": True} if task.name in context.suspends else {"weight": WEIGHTED.weight(task, context)}
+        for task in HEAVY
+    }
+    policy = a_policy(
+        tasks=[
+            a_task(task.name, protected=task.protected, min=f"{WEIGHTED.floor if task.protected else STEP}m")
+            for task in HEAVY
+        ],
+        contexts=[a_context(context.name, "true", effects)],
+        enforcement={"control": "Weight"},
+    )
+    pods = [view(a_pod(name, {name: cpu("10m", "2")})) for name in sorted(NAMES)]
+    own = claim([policy], pods, {NODE: PROCESSORS * 1000}, agents={NODE}, weighing={NODE: beside})[policy.reference]
+    made = message(policy, 1, Story(policy, own.placement).last, own.placement.containers, pods, own.most_weight)
+    return {target["task"]: kubelet_shares(round(target["weight"] * 1000)) for target in made["targets"]}
+
+
+@pytest.mark.parametrize("story", [IMPORTANCE, SUSPENDING])
+def test_context_weights_are_what_the_product_writes_for_a_robot_alone_on_its_node(story):
+    for context in story.contexts:
+        found = {name: one.shares for name, one in settings(WEIGHTS, story)[context.name].items()}
+        assert written(context) == pytest.approx(found, abs=11)
+
+
+@pytest.mark.parametrize("story", [IMPORTANCE, SUSPENDING])
+def test_context_weights_compare_as_those_that_the_product_writes_beside_other_pods(story):
+    """Those of k3s and the operator: the robot's weights are all less by one factor, which its tasks can't notice."""
+    for context in story.contexts:
+        beside = {name: shares for name, shares in written(context, beside=400).items() if shares > LEAST_SHARES}
+        alone = settings(WEIGHTS, story)[context.name]
+        assert sum(beside.values()) <= (PROCESSORS * 1000 - 400) * 1.024
+        assert {name: shares / 0.8 for name, shares in beside.items()} == pytest.approx(
+            {name: alone[name].shares for name in beside}, abs=15
+        )
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, *ATTEMPTS])

@@ -45,7 +45,7 @@ def test_a_share_is_cores_under_each_scheduler(scheduler):
     tasks = [a_task("slam", priority=7), a_task("speech", priority=12)]
     policy = a_policy(tasks=tasks, enforcement={"scheduler": scheduler}, reserve="100m")
     plan = Story(policy, on_node("slam", "speech", cores=2)).last
-    heard = json.dumps(message(policy, 1, plan, (), ())).encode()
+    heard = json.dumps(message(policy, 1, plan, (), (), {})).encode()
     assert Decisions("slam").hear(KEY, heard).share == 0.7
 
 
