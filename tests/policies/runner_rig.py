@@ -13,6 +13,7 @@ from contextpolicy.policies.policy_runner import PolicyRunner
 from contextpolicy.policies.services import Services
 from contextpolicy.recorder.flight_recorder import BUDGET, SECONDS, FlightRecorder
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
+from contextpolicy.streams.retention import POOL, Retention
 from contextpolicy.streams.wall_clock import WallClock
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
@@ -71,6 +72,7 @@ class Robot:
             recorder=FlightRecorder(BUDGET, SECONDS),
             listener=self,
             backlog=Backlog(PER_STREAM, TOTAL),
+            retention=Retention(POOL),
             questions=Questions(self.loop),
         )
         return PolicyRunner(a_policy(**{**defaults, **spec}), services, self.orders, initiatives or {}, {})

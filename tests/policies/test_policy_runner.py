@@ -252,6 +252,24 @@ def test_a_sample_that_is_not_used_is_counted_and_reported_once():
     assert REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) == before + 3
 
 
+def test_streams_keep_no_more_than_there_is_memory_for_also_after_an_edit():
+    """64 streams kept a decoded text of 1 MiB each, and expressions saw a copy."""
+    streams = [a_stream(f"s{number}") for number in range(64)]
+    text = b'{"text": "' + b"x" * 1_000_000 + b'"}'
+    robot = Robot(streams=streams, contexts=[]).begin()
+
+    def refused():
+        for stream in streams:
+            robot.session.deliver_bytes(stream["key"], text)
+            robot.loop.advance_by(0.01)
+        return {name for name, reason in robot.runner.planner.drops if reason == "memory"}
+
+    first = refused()
+    assert 64 - 16 <= len(first) < 64
+    robot.edit(streams=streams, contexts=[], tasks=[a_task("slam", priority=2)])
+    assert refused() == first
+
+
 def test_metrics_follow_the_plan():
     robot = Robot().begin()
     robot.sample(speed=0.3)

@@ -24,9 +24,9 @@ def records(recorder):
 def test_it_keeps_the_newest_that_fit(recorder, records):
     for at in range(50):
         recorder.take_sample(records, sample(float(at)))
-    assert [one.arrived for one in records.samples] == [float(at) for at in range(20, 50)]
-    assert records.sample_bytes == 30 * OVERHEAD
-    assert records.before["imu"].arrived == 19.0
+    assert [one.arrived for one in records.samples] == [float(at) for at in range(21, 50)]
+    assert records.sample_bytes == 29 * OVERHEAD
+    assert records.before["imu"].arrived == 20.0
 
 
 def test_a_large_payload_takes_the_place_of_many(recorder, records):
@@ -35,7 +35,7 @@ def test_a_large_payload_takes_the_place_of_many(recorder, records):
     recorder.take_sample(records, sample(10.0, "scan", size=25 * OVERHEAD))
     assert records.sample_bytes <= 30 * OVERHEAD
     assert records.samples[-1].stream == "scan"
-    assert len(records.samples) == 5
+    assert len(records.samples) == 4
 
 
 def test_a_sample_larger_than_the_memory_is_dropped(recorder, records):
@@ -54,7 +54,7 @@ def test_samples_older_than_the_window_are_dropped(recorder, records):
 def test_samples_of_a_removed_stream_expire(recorder, records):
     for at in range(40):
         recorder.take_sample(records, sample(float(at), "scan" if at < 20 else "imu"))
-    assert records.before["scan"].arrived == 9.0
+    assert records.before["scan"].arrived == 10.0
     recorder.begin("lab/robot", ["imu"])
     assert records.before == {}
     for at in range(40, 80):
@@ -66,7 +66,46 @@ def test_policies_share_the_memory(recorder, records):
     recorder.begin("lab/other", ["imu"])
     for at in range(50):
         recorder.take_sample(records, sample(float(at)))
-    assert len(records.samples) == 15
+    assert len(records.samples) == 14
+
+
+def all_bytes(recorder, *policies):
+    """What the samples of these policies take."""
+    found = [recorder.of(policy) for policy in policies]
+    return sum(
+        OVERHEAD + len(one[2]) + len(one[3]) + len(one[4])
+        for records in found
+        for one in (*records.samples, *records.before.values())
+    )
+
+
+def test_last_samples_of_many_streams_stay_within_the_memory(recorder):
+    """64 streams of one key kept a payload each beside the memory that all policies share."""
+    streams, policies = [f"s{number}" for number in range(64)], ("lab/robot", "lab/other")
+    for policy in policies:
+        records = recorder.begin(policy, streams)
+        for at in range(3):
+            for stream in streams:
+                recorder.take_sample(records, sample(float(at), stream, size=3 * OVERHEAD))
+    assert all_bytes(recorder, *policies) <= 30 * OVERHEAD
+    assert all(recorder.of(policy).samples for policy in policies)
+
+
+def test_a_new_policy_takes_its_part_of_the_memory_at_once(recorder, records):
+    for number in range(40):
+        recorder.take_sample(records, sample(float(number), "imu" if number % 2 else "scan"))
+    for policy in ("lab/second", "lab/third"):
+        for number in range(40):
+            recorder.take_sample(recorder.begin(policy, ["imu"]), sample(float(number)))
+    assert all_bytes(recorder, "lab/robot", "lab/second", "lab/third") <= 30 * OVERHEAD
+
+
+def test_a_large_payload_stays_in_place_of_what_was_before(recorder, records):
+    for at in range(40):
+        recorder.take_sample(records, sample(float(at), "imu" if at % 2 else "scan"))
+    recorder.take_sample(records, sample(40.0, "scan", size=29 * OVERHEAD))
+    assert [one.arrived for one in records.samples] == [40.0]
+    assert records.before == {}
 
 
 def test_samples_do_not_evict_plans(recorder, records):

@@ -17,6 +17,7 @@ class Heard:
 
     def __init__(self):
         self.inputs, self.drops, self.threads = [], [], set()
+        self.full = False
         self._news = Condition()
 
     def on_next(self, event):
@@ -27,6 +28,9 @@ class Heard:
 
     def on_arrival(self, *sample):
         """What has not been decoded yet."""
+
+    def admits(self, *_):
+        return not self.full
 
     def on_drop(self, stream, reason):
         with self._news:

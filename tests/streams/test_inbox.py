@@ -69,6 +69,17 @@ def test_large_payloads_count_with_their_bytes():
     assert len(heard.drops) == 21
 
 
+def test_a_sample_that_there_is_no_room_to_keep_is_dropped():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox = an_inbox(scheduler, heard)
+    inbox.put(Decoder(IMU), b"{}")
+    scheduler.advance_by(1)
+    heard.full = True
+    inbox.put(Decoder(IMU), b"{}")
+    scheduler.advance_by(1)
+    assert (len(heard.inputs), heard.drops) == (1, [("imu", "memory")])
+
+
 def test_oversized_samples_are_counted():
     scheduler, heard = TestScheduler(), Heard()
     inbox = an_inbox(scheduler, heard)

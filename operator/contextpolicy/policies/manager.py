@@ -10,6 +10,7 @@ from contextpolicy.policies.promotion import Promotion
 from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, reference_of
 from contextpolicy.policies.services import Services
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
+from contextpolicy.streams.retention import POOL, Retention
 from contextpolicy.streams.subscription import Waiting
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.status import remembered
@@ -61,7 +62,8 @@ class PolicyManager:
         self._actuators, self._publisher, self._binder = actuators, publisher, binder
         self._queries, self._recorder, self._fence, self._signer = queries, recorder, fence, signer
         self._clock = clock
-        self._backlog, self._questions = Backlog[Waiting](PER_STREAM, TOTAL), Questions(loop)
+        self._backlog, self._retention = Backlog[Waiting](PER_STREAM, TOTAL), Retention(POOL)
+        self._questions = Questions(loop)
         self._promotion = Promotion(loop, registry, shadows, publisher, self)
 
     def on_promotion(self) -> None:
@@ -184,6 +186,7 @@ class PolicyManager:
             recorder=self._recorder,
             listener=self._publisher,
             backlog=self._backlog,
+            retention=self._retention,
             questions=self._questions,
         )
 
@@ -196,6 +199,7 @@ class PolicyManager:
         self._bus.forget(reference)
         self._publisher.forget(reference)
         self._recorder.forget(reference)
+        self._retention.forget(reference)
 
     def _released(self, reference: str, done: Future[None]) -> None:
         self._registry.leaving.pop(reference, None)

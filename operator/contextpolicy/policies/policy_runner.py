@@ -37,8 +37,9 @@ if TYPE_CHECKING:
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.planning.restart import Remembered
     from contextpolicy.policies.services import Services
-    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.spec import Policy, Stream
     from contextpolicy.recorder.flight_recorder import FlightRecorder, Records
+    from contextpolicy.streams.retention import Kept, Retention
 
 
 class PolicyRunner:
@@ -222,18 +223,25 @@ class PolicyRunner:
     def _samples(self) -> Observable[Input]:
         own, policy = self._services, self.policy
         records = own.recorder.begin(policy.reference, [stream.name for stream in policy.streams])
-        log = _SampleLog(own.recorder, records, self._reporter)
+        kept = own.retention.begin(policy.reference, policy.namespace, [stream.name for stream in policy.streams])
+        log = _SampleLog(own.recorder, records, own.retention, kept, self._reporter)
         return subscription.inputs(own.session, policy.streams, own.scheduler, log, backlog=own.backlog)
 
 
 class _SampleLog:
     """The recorder has each sample before it is decoded; those that are not used are reported."""
 
-    def __init__(self, recorder: FlightRecorder, records: Records, reporter: PlanReporter) -> None:
+    def __init__(
+        self, recorder: FlightRecorder, records: Records, retention: Retention, kept: Kept, reporter: PlanReporter
+    ) -> None:
         self._recorder, self._records, self._reporter = recorder, records, reporter
+        self._retention, self._kept = retention, kept
 
     def on_arrival(self, arrived: float, stream: str, payload: bytes, attachment: bytes, key: str) -> None:
         self._recorder.take_sample(self._records, (arrived, stream, payload, attachment, key))
+
+    def admits(self, stream: Stream, size: int) -> bool:
+        return self._retention.admit(self._kept, stream, size)
 
     def on_drop(self, stream: str, reason: str) -> None:
         self._reporter.drop(stream, reason)

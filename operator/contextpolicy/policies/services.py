@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.recorder.flight_recorder import FlightRecorder
     from contextpolicy.streams.backlog import Backlog
+    from contextpolicy.streams.retention import Retention
     from contextpolicy.streams.subscription import Waiting
     from contextpolicy.streams.wall_clock import WallClock
 
@@ -66,4 +67,5 @@ class Services:
     recorder: FlightRecorder
     listener: RunnerListener
     backlog: Backlog[Waiting]
+    retention: Retention
     questions: Questions

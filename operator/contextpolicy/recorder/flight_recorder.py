@@ -19,6 +19,9 @@ BUDGET = 32 << 20
 """Bytes for all policies together, an equal part for each; the chart's memory limit has room for it."""
 OVERHEAD = 200
 """Bytes that a record costs besides its payload, attachment and key: objects, references, the place in the queue."""
+BEFORE_PART = 4
+"""What is older than all other samples has at most one part in this many of their bytes: of large payloads the rest is
+worth more."""
 PLANS_PART = 4
 """Plans have one part in this many of a policy's bytes: a storm of samples must not push out what was decided."""
 
@@ -55,13 +58,27 @@ class Records:
     samples: deque[RawSample] = field(default_factory=deque)
     plans: deque[PlanRecord] = field(default_factory=deque)
     before: dict[str, RawSample] = field(default_factory=dict)
-    """The last sample of each stream that is older than `samples`: without it a replay would begin blind."""
+    """The last sample of each stream that is older than `samples`, oldest first: a replay would begin blind."""
     streams: Collection[str] = ()
     """Those that the policy reads."""
     sample_bytes: int = 0
+    before_bytes: int = 0
     plan_bytes: int = 0
     limit: int = 0
-    """Bytes that the samples may take."""
+    """Bytes that the samples may take, those before them included."""
+
+    def keep_before(self, record: RawSample) -> None:
+        """Keep it as the last one of its stream, and let go of the oldest if they take too much."""
+        if record[1] in self.before:
+            self.drop_before(record[1])
+        self.before[record[1]] = record
+        self.before_bytes += _size(record)
+        while self.before_bytes > self.limit // BEFORE_PART:
+            self.drop_before(next(iter(self.before)))
+
+    def drop_before(self, stream: str) -> None:
+        """Let go of the stream's sample that is older than the others."""
+        self.before_bytes -= _size(self.before.pop(stream))
 
     def copy(self) -> Records:
         """What is there now, for another thread."""
@@ -79,7 +96,8 @@ class FlightRecorder:
         """Record this policy, which reads these streams, from now on, or go on with it after an edit."""
         records = self._policies.setdefault(policy, Records())
         records.streams = frozenset(streams)
-        records.before = {stream: record for stream, record in records.before.items() if stream in records.streams}
+        for gone in records.before.keys() - records.streams:
+            records.drop_before(gone)
         self._share_out()
         return records
 
@@ -93,20 +111,26 @@ class FlightRecorder:
 
         On the hot path: so a plain tuple, read by position, and a limit that is known beforehand.
         """
-        size, samples = len(record[2]) + len(record[3]) + len(record[4]) + OVERHEAD, records.samples
+        size, samples = _size(record), records.samples
         if size > records.limit:
             return
         samples.append(record)
         records.sample_bytes += size
-        if records.sample_bytes > records.limit or record[0] - samples[0][0] > self._seconds:
+        if records.sample_bytes + records.before_bytes > records.limit or record[0] - samples[0][0] > self._seconds:
             self._let_go(records, record[0])
 
     def _let_go(self, records: Records, now: float) -> None:
-        while records.sample_bytes > records.limit or now - records.samples[0][0] > self._seconds:
-            oldest = records.samples.popleft()
-            records.sample_bytes -= len(oldest[2]) + len(oldest[3]) + len(oldest[4]) + OVERHEAD
+        samples, before = records.samples, records.before
+        while samples and (
+            records.sample_bytes + records.before_bytes > records.limit or now - samples[0][0] > self._seconds
+        ):
+            if len(samples) == 1 and before:  # the newest one is worth more
+                records.drop_before(next(iter(before)))
+                continue
+            oldest = samples.popleft()
+            records.sample_bytes -= _size(oldest)
             if oldest[1] in records.streams:
-                records.before[oldest[1]] = oldest
+                records.keep_before(oldest)
 
     def take_plan(self, policy: str, record: PlanRecord) -> None:
         """Keep a plan of a policy that is recorded, likewise; the newest is always kept."""
@@ -138,3 +162,9 @@ class FlightRecorder:
     def _share_out(self) -> None:
         for records in self._policies.values():
             records.limit = self._budget // len(self._policies) * (PLANS_PART - 1) // PLANS_PART
+            if records.samples:
+                self._let_go(records, records.samples[-1][0])
+
+
+def _size(record: RawSample) -> int:
+    return len(record[2]) + len(record[3]) + len(record[4]) + OVERHEAD

@@ -47,8 +47,11 @@ class SampleListener(Protocol):
     def on_arrival(self, arrived: float, stream: str, payload: bytes, attachment: bytes, key: str) -> None:
         """A sample is about to be decoded: its key is empty where the stream's has no wildcard."""
 
+    def admits(self, stream: Stream, size: int) -> bool:
+        """Whether there is room to keep a sample that took so many bytes, as its stream may do."""
+
     def on_drop(self, stream: str, reason: str) -> None:
-        """A sample can't be decoded, is too large, or found no room in the backlog."""
+        """A sample can't be decoded, is too large, or found no room in the backlog or to be kept."""
 
 
 def inputs(
@@ -233,6 +236,9 @@ class _Inbox:
             sample = decoder.decode(payload, attachment)
         except DecodeError:
             self._report_drop(decoder.stream.name, "undecodable")
+            return
+        if not self._listener.admits(decoder.stream, len(payload) + len(key)):
+            self._report_drop(decoder.stream.name, "memory")
             return
         taken = None if sample.timestamp is None else self._on_our_clock(sample.timestamp)
         self._observer.on_next(Sample(sample.stream, sample.value, taken, arrived, key))
