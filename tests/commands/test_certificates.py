@@ -29,6 +29,8 @@ class Cluster(ApiServer):
         self.secrets = {place: Secret({}, "1") for place in release.places()}
         self.written: list[Place] = []
         self.immutable: set[Place] = set()
+        self.genuine = ["system", "canary"]
+        """Namespaces whose accounts may list nodes."""
         self._pods = pods
 
     def secret(self, namespace, name):
@@ -44,6 +46,9 @@ class Cluster(ApiServer):
             raise ActuationError("Conflict", "it has changed", retriable=True)
         self.secrets[place] = Secret(files, str(int(version) + 1))
         self.written.append(place)
+
+    def may(self, user, right):
+        return user.startswith(tuple(f"system:serviceaccount:{namespace}:" for namespace in self.genuine))
 
     def items(self, path):
         assert path.startswith(("/api/v1/pods?", "/api/v1/namespaces/system/pods?"))
@@ -206,7 +211,7 @@ class _Opened:
         ((), "no operator is here"),
         ((pod(""),), "the bus is open"),
         ((pod("mine"),), r"your own \(Secret system/mine\)"),
-        ((pod(), pod(namespace="lab")), "several releases run here: name the namespace of one with -n: lab, system"),
+        ((pod(), pod(namespace="canary")), "several releases run here: name the namespace of one with -n: canary, sys"),
         ((pod("gone-bus-operator"),), "Secret system/gone-bus-sensor can't be read: no Secret"),
         ((pod(),), "Secret system/ctxp-bus-sensor is empty: the Job"),
     ],
@@ -214,6 +219,13 @@ class _Opened:
 def test_missing_credentials_are_explained(pods, said):
     with pytest.raises(ClusterAccessError, match=said):
         credentials.fetch(Cluster(pods=pods), "sensor", None)
+
+
+def test_credentials_are_those_of_the_release_and_not_of_a_tenants_pod_with_its_labels():
+    cluster = Cluster(pods=(pod(namespace="lab"), pod()))
+    certificates.renew(cluster, RELEASE, NOW, NOW)
+    found = credentials.fetch(cluster, "sensor", None)
+    assert found == cluster.secret("system", "ctxp-bus-sensor").files
 
 
 def test_replicas_of_a_release_share_one_secret():

@@ -80,6 +80,43 @@ def test_policies_that_may_not_be_listed_are_unknown_and_not_missing():
     assert (found.policies, found.serves_policies) == (None, True)
 
 
+def disguised(**status):
+    """A tenant's pod with an operator's labels."""
+    pod = an_operator("")
+    pod["metadata"]["namespace"] = "lab"
+    return pod | {"status": status}
+
+
+class ReviewingApi(FakeApi):
+    """Allows the accounts in its namespace everything, and others nothing; a question may be refused."""
+
+    def __init__(self, *pods, refused=False):
+        super().__init__(operators=pods)
+        self._refused = refused
+
+    def may(self, user, right):
+        if self._refused:
+            raise ActuationError("Forbidden", "no", retriable=False)
+        return user.startswith("system:serviceaccount:system:")
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_tenants_pod_with_an_operators_labels_is_not_judged(order):
+    """It is not ready, has no rights, and mounts a certificate that has ended: BAD for every `helm test`."""
+    real, fake = an_operator(""), disguised(phase="Pending")
+    found = facts(ReviewingApi(*[real, fake][::order]), [None])
+    assert found.operators == [real]
+    assert found.lacking == []
+
+
+def test_all_pods_with_an_operators_labels_are_judged_where_accounts_cannot_be_told_apart():
+    real, fake = an_operator(""), disguised(phase="Pending")
+    assert facts(ReviewingApi(real, fake, refused=True), [None]).operators == [real, fake]
+    other = disguised()
+    other["metadata"]["namespace"] = "hall"
+    assert facts(ReviewingApi(fake, other), [None]).operators == [fake, other], "none may: this is what is wrong"
+
+
 @pytest.mark.parametrize(
     ("watched", "of_policies", "reviewed"),
     [("lab,dock", [None], {"lab", "dock"}), ("", [None], {"lab", "hall"}), ("", ["dock"], {"system"})],

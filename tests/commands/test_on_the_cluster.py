@@ -21,6 +21,7 @@ from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.streams import timeline
 from tests.cluster.builders import a_pod
 from tests.policies.builders import IMU, a_policy, resources
+from tests.ports import free_port
 from tests.virtual_operator import VirtualOperator
 
 LEASE = "/apis/coordination.k8s.io/v1/namespaces/lab/leases/contextpolicy"
@@ -451,6 +452,35 @@ def test_disguised_operator_pod_is_not_queried(cluster, forwarded, words):
     cluster.operators, cluster.holder = [disguised, an_operator(FIRST)], FIRST
     assert cli.main(words) == 0
     assert forwarded == ["system pod/operator"]
+
+
+@pytest.mark.parametrize("words", [*WORDS, ["top", "--once"]], ids=" ".join)
+def test_disguised_release_that_cannot_be_asked_keeps_nobody_from_the_real_one(
+    cluster, forwarded, operator, words, monkeypatch
+):
+    """A tenant's pod under a name of its own: its port is no number, or nothing answers there."""
+    tenant, silent = an_operator("lab/fake", name="fake"), an_operator("lab/silent", name="silent")
+    tenant["spec"]["containers"][0]["env"].append({"name": "LIVE_PORT", "value": "x"})
+    port = cluster_access._local_port(None)
+    monkeypatch.setattr(cluster_access, "_local_port", lambda _: free_port() if "silent" in forwarded[-1] else port)
+    cluster.operators, cluster.holder = [tenant, silent, an_operator(FIRST)], FIRST
+    assert cli.main(words) == 0
+    assert "lab pod/fake" not in forwarded
+    assert forwarded[-1] == "system pod/operator"
+
+
+@pytest.mark.parametrize("answer", [None, {}, 5, ["board"], [{}], [{"policy": 5}], [{"policy": "lab/robot"}]])
+def test_disguised_release_that_answers_nonsense_changes_nothing(cluster, forwarded, capsys, monkeypatch, answer):
+    real = cluster_access.asker
+
+    def asker(port):
+        fake = "lab" in forwarded[-1]
+        return (lambda *_, **__: answer) if fake else real(port)
+
+    monkeypatch.setattr(cluster_access, "asker", asker)
+    cluster.operators, cluster.holder = [an_operator("lab/fake"), an_operator(FIRST)], FIRST
+    assert cli.main(["top", "--once", "-o", "json"]) == 0
+    assert json.loads(capsys.readouterr().out)["policy"] == "lab/robot"
 
 
 def test_a_namespace_that_no_release_serves_is_reported(cluster, forwarded, capsys):

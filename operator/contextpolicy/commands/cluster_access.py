@@ -8,23 +8,33 @@ import shutil
 import subprocess
 import sys
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote, urlencode
 
-from contextpolicy.commands.operator_pods import has_boards, namespace_of_board, of_release, releases, running
+from contextpolicy.commands.operator_pods import (
+    account_of,
+    boards_in,
+    has_boards,
+    namespace_of_board,
+    of_release,
+    releases,
+    running,
+)
 from contextpolicy.commands.terminal import waiting
 from contextpolicy.errors import ActuationError, ContextPolicyError
 from contextpolicy.policy.custom_resource import path_of
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from contextpolicy.cluster.api import ApiServer
     from contextpolicy.cluster.api_connection import Kubeconfig
     from contextpolicy.cluster.serving import Service
     from contextpolicy.commands.operator_pods import OperatorPod
 
+T = TypeVar("T")
 OPERATOR = "app.kubernetes.io/part-of=contextpolicy,app.kubernetes.io/component=operator"
 PATIENCE = 10.0
 """Seconds that a port-forward may take to open, and an answer to come."""
@@ -174,21 +184,33 @@ def all_boards(
 ) -> Iterator[Callable[[], list[dict[str, Any]]]]:
     """A function that asks each release for its boards, or the one that serves the `namespace`.
 
-    Of several, each is believed about the namespaces whose Lease names it: anyone who may create pods can dress one up
-    as an operator.
+    Of several, each is believed about the namespaces whose Lease names it, and one that does not answer keeps the
+    others' boards from nobody: anyone who may create pods can dress one up as an operator.
     """
     pods = _pods(api, namespace)
     with ExitStack() as opened:
-        asked = {
-            release: opened.enter_context(_leading(of_release(pods, release), arguments, namespace))
-            for release in releases(pods)
-        }
+        ways = {release: _leading(of_release(pods, release), arguments, namespace) for release in releases(pods)}
+        asked = _answers_of({release: partial(opened.enter_context, way) for release, way in ways.items()})
         yield lambda: [
             board
-            for release, ask in asked.items()
-            for board in ask("boards")
-            if len(asked) == 1 or _holder(api, namespace_of_board(board)) in (None, release)
+            for release, boards in _answers_of({one: partial(ask, "boards") for one, ask in asked.items()}).items()
+            for board in boards_in(boards)
+            if len(releases(pods)) == 1 or _holder(api, namespace_of_board(board)) in (None, release)
         ]
+
+
+def _answers_of(asked: Mapping[str, Callable[[], T]]) -> dict[str, T]:
+    """What those that can be asked say, by release; the error of the last one if none can."""
+    found: dict[str, T] = {}
+    failure: ClusterAccessError | None = None
+    for release, ask in asked.items():
+        try:
+            found[release] = ask()
+        except ClusterAccessError as error:
+            failure = error
+    if failure is not None and not found:
+        raise failure
+    return found
 
 
 @contextmanager
@@ -198,12 +220,24 @@ def _leading(
     """That of a release's replicas which decides, as far as its boards say."""
     [*others, last] = replicas
     for pod in others:
-        with _forwarded(pod, kubeconfig_of(arguments)) as ask:
-            if has_boards(ask("boards"), namespace):
+        with ExitStack() as opened:
+            ask = _deciding(opened, pod, arguments, namespace)
+            if ask is not None:
                 yield ask
                 return
     with _forwarded(last, kubeconfig_of(arguments)) as ask:
         yield ask
+
+
+def _deciding(
+    opened: ExitStack, pod: OperatorPod, arguments: argparse.Namespace | None, namespace: str | None
+) -> Callable[..., Any] | None:
+    """A way to ask the pod; None if it does not answer, or does not decide."""
+    try:
+        ask = opened.enter_context(_forwarded(pod, kubeconfig_of(arguments)))
+        return ask if has_boards(boards_in(ask("boards")), namespace) else None
+    except ClusterAccessError:
+        return None
 
 
 @contextmanager
@@ -237,6 +271,21 @@ def _pods(api: ApiServer, namespace: str | None) -> list[OperatorPod]:
         known = ", ".join(releases(pods))
         raise ClusterAccessError(f"namespace {namespace} is served by {holder or 'nobody'}: expected one of {known}")
     return chosen
+
+
+def genuine(api: ApiServer, pods: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those of pods with an operator's labels that can be one's: whose account may list nodes, as none of a tenant may.
+
+    All of them if none may, or if we may not ask; of a single account we need not.
+    """
+    accounts = sorted({account_of(pod) for pod in pods})
+    if len(accounts) < 2:
+        return list(pods)
+    try:
+        able = {user for user in accounts if api.may(user, {"group": "", "resource": "nodes", "verb": "list"})}
+    except ActuationError:
+        return list(pods)
+    return [pod for pod in pods if account_of(pod) in able] or list(pods)
 
 
 def _holder(api: ApiServer, namespace: str) -> str | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from contextpolicy.commands.cluster_access import OPERATOR, ClusterAccessError, add_cluster, api_server
+from contextpolicy.commands.cluster_access import OPERATOR, ClusterAccessError, add_cluster, api_server, genuine
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def main(arguments: argparse.Namespace) -> int:
 def fetch(api: ApiServer, role: str, namespace: str | None) -> Mapping[str, bytes]:
     """The files of the role's Secret; ClusterAccessError when there is none yet."""
     where = f"/api/v1/namespaces/{quote(namespace)}/pods" if namespace else "/api/v1/pods"
-    place, name = secret_of(role, api.items(f"{where}?labelSelector={quote(OPERATOR)}"))
+    place, name = secret_of(role, genuine(api, api.items(f"{where}?labelSelector={quote(OPERATOR)}")))
     try:
         files = api.secret(place, name).files
     except ActuationError as error:

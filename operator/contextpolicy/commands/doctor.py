@@ -9,7 +9,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
-from contextpolicy.commands.cluster_access import OPERATOR, add_cluster, api_server
+from contextpolicy.commands.cluster_access import OPERATOR, add_cluster, api_server, genuine
+from contextpolicy.commands.operator_pods import account_of
 from contextpolicy.commands.structured_output import add_output, structured
 from contextpolicy.commands.terminal import columns, waiting
 from contextpolicy.errors import ActuationError
@@ -86,11 +87,11 @@ def facts(api: ApiServer, namespaces: Sequence[str | None]) -> ClusterFacts:
     version = str(api.read("/version", "gitVersion")["gitVersion"])
     served = api.serves_policies()
     policies = _allowed(lambda: _policies(api, namespaces)) if served else None
-    operators = _allowed(lambda: _pods(api, OPERATOR))
+    operators = _allowed(lambda: genuine(api, _pods(api, OPERATOR)))
     nodes = _allowed(lambda: api.items("/api/v1/nodes"))
     kubelets = {name: one for node in nodes or () if (one := _kubelet(api, name := node["metadata"]["name"]))}
     lacking = _lacking(api, operators[0], policies or ()) if operators else None
-    routers = _allowed(lambda: _pods(api, ROUTER))
+    routers = _allowed(lambda: _beside(operators, _pods(api, ROUTER)))
     definition = _allowed(lambda: api.read(DEFINITION_PATH))
     used = sorted({policy["metadata"]["namespace"] for policy in policies or ()})
     pods = _allowed(lambda: [pod for namespace in used for pod in _views(api, namespace)])
@@ -147,6 +148,14 @@ def _pods(api: ApiServer, selector: str) -> list[dict[str, Any]]:
     return api.items(f"/api/v1/pods?labelSelector={quote(selector)}")
 
 
+def _beside(
+    operators: Sequence[Mapping[str, Any]] | None, routers: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """The routers of the operators' releases, which have no account to know them by; all where no operator is known."""
+    places = {pod["metadata"]["namespace"] for pod in operators or ()}
+    return [pod for pod in routers if not places or pod["metadata"]["namespace"] in places]
+
+
 def _deployments(api: ApiServer) -> list[dict[str, Any]]:
     return api.items(f"/apis/apps/v1/deployments?labelSelector={quote(OPERATOR)}")
 
@@ -170,10 +179,9 @@ def _kubelet(api: ApiServer, node: str) -> tuple[Mapping[str, Any], str] | None:
 
 def _lacking(api: ApiServer, operator: Mapping[str, Any], policies: Sequence[Mapping[str, Any]]) -> list[str] | None:
     """The rights that the operator's account lacks where it serves policies; None if that can't be asked."""
-    metadata, account = operator["metadata"], operator["spec"].get("serviceAccountName", "default")
-    user = f"system:serviceaccount:{metadata['namespace']}:{account}"
+    user = account_of(operator)
     used = sorted({policy["metadata"]["namespace"] for policy in policies})
-    namespaces = _watched(operator) or used or [metadata["namespace"]]
+    namespaces = _watched(operator) or used or [operator["metadata"]["namespace"]]
     wanted = [
         {"namespace": namespace, "group": group, "resource": resource, "subresource": sub, "verb": verb}
         for namespace in namespaces

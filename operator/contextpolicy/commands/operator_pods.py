@@ -1,4 +1,7 @@
-"""Which operator's pods a command asks: of several releases, that which serves the policy's namespace. Pure."""
+"""Which operator's pods a command asks: of several releases, that which serves the policy's namespace. Pure.
+
+Anyone who may create pods can dress one up as an operator's, or its page as one.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,12 @@ class OperatorPod(NamedTuple):
 
 
 def running(items: Iterable[Mapping[str, Any]]) -> list[OperatorPod]:
-    """Those that answer; an operator's own Lease is in its namespace, and a pod that says otherwise is none."""
+    """Those that answer; an operator's own Lease is in its namespace, and a pod that says otherwise is none.
+
+    Neither is one whose page's port is no number.
+    """
     pods = [_read(item) for item in items if item["status"].get("phase") == "Running"]
-    return [pod for pod in pods if pod.release.partition("/")[0] in ("", pod.namespace)]
+    return [pod for pod in pods if pod is not None and pod.release.partition("/")[0] in ("", pod.namespace)]
 
 
 def releases(pods: Iterable[OperatorPod]) -> list[str]:
@@ -33,9 +39,21 @@ def of_release(pods: Sequence[OperatorPod], release: str) -> list[OperatorPod]:
     return [pod for pod in pods if pod.release == release]
 
 
+def boards_in(answer: object) -> list[dict[str, Any]]:
+    """The boards in what a page answers; what is none is left out."""
+    boards = answer if isinstance(answer, list) else []
+    return [board for board in boards if isinstance(board, dict) and isinstance(board.get("policy"), str)]
+
+
 def has_boards(boards: Iterable[Mapping[str, Any]], namespace: str | None) -> bool:
     """Whether an operator with these boards decides at all, or for this namespace: a standby knows of no policy."""
     return any(namespace in (None, namespace_of_board(board)) for board in boards)
+
+
+def account_of(pod: Mapping[str, Any]) -> str:
+    """The user that a pod of the API acts as."""
+    account = pod["spec"].get("serviceAccountName", "default")
+    return f"system:serviceaccount:{pod['metadata']['namespace']}:{account}"
 
 
 def namespace_of_board(board: Mapping[str, Any]) -> str:
@@ -43,8 +61,10 @@ def namespace_of_board(board: Mapping[str, Any]) -> str:
     return str(board["policy"]).partition("/")[0]
 
 
-def _read(pod: Mapping[str, Any]) -> OperatorPod:
+def _read(pod: Mapping[str, Any]) -> OperatorPod | None:
     variables = {one["name"]: one.get("value") for one in pod["spec"]["containers"][0].get("env", ())}
     metadata = pod["metadata"]
-    port = int(variables.get("LIVE_PORT") or 8082)
-    return OperatorPod(metadata["namespace"], metadata["name"], port, variables.get("LEASE") or "")
+    port = variables.get("LIVE_PORT") or "8082"
+    if not (port.isascii() and port.isdecimal()):
+        return None
+    return OperatorPod(metadata["namespace"], metadata["name"], int(port), variables.get("LEASE") or "")
