@@ -106,6 +106,30 @@ def test_terminating_namespace_still_releases_policies(api, step, now):
     assert candidacy.acts_until == now[0] + ACT * 10
 
 
+@pytest.mark.parametrize(("given_back", "acts"), [(False, False), (True, True)])
+def test_terminating_namespace_is_left_to_the_release_that_held_its_lease(api, step, now, given_back, acts):
+    """Each took the refusal for its Lease: two operators acted there."""
+    candidacy = Candidacy("one", 10)
+    api.there = Lease("other", 15, "now", "now", 1, "7")
+    step(candidacy)
+    now[0] = candidacy.due
+    if given_back:
+        api.there = replace(api.there, holder="", seconds=1, version="8")
+        api.refusals.append(ActuationError("Conflict", "changed", retriable=True))
+        step(candidacy)
+        now[0] = candidacy.due
+    api.there = Lease()
+    api.refusals += [
+        ActuationError("NotFound", "no such Lease", retriable=False),
+        *[ActuationError("Forbidden", TERMINATING, retriable=False)] * 3,
+    ]
+    for _ in range(4):
+        step(candidacy)
+        now[0] = max(now[0], candidacy.due)
+    assert candidacy.held is acts
+    assert candidacy.refused == ("" if acts else "it is being deleted, and other serves it until it is gone")
+
+
 def test_a_pause_counts_also_where_the_namespace_is_being_deleted(api, now):
     keeper, candidacy = LeaseKeeper(api, "contextpolicy", Mock()), Candidacy("one", 10)
     for _ in range(2):

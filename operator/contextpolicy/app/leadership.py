@@ -98,8 +98,9 @@ class Leadership:
         for namespace in sorted(wanted):
             claim = self._claims.get(namespace)
             if claim is None or claim.lost:
-                self._claims[namespace] = Candidacy(self._release, NAMESPACE_SECONDS)
-                self._claiming.stand(namespace, self._claims[namespace])
+                self._claims[namespace] = again = Candidacy(self._release, NAMESPACE_SECONDS)
+                again.other = claim.other if claim is not None else ""
+                self._claiming.stand(namespace, again)
 
     @property
     def served(self) -> frozenset[str] | None:

@@ -102,6 +102,8 @@ class Candidacy:
         self.refused = ""
         """Why we may not even run for it, if so: no right, or no such namespace."""
         self.wanted = True
+        self.other = ""
+        """Who else held it when it was last there: a Lease goes with its namespace, and then nobody can take it over."""
         self.follows = False
         """Another holds the Lease and is alive: since we first looked, it has taken or renewed it."""
         self._seen: Lease | None = None
@@ -129,6 +131,8 @@ class Candidacy:
         if before is not None and not _is_news(lease.version, before.version):
             return
         self._seen = lease
+        if lease.version:
+            self.other = "" if lease.holder == self.identity else lease.holder
         if lease.holder != self.identity and self.acts_until > -inf:
             self.lost, self.acts_until = True, -inf
         if before is None or (before.holder, before.renewed) != (lease.holder, lease.renewed):

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 TERMINATING = "because it is being terminated"
-"""How the API server refuses new objects in a namespace that is being deleted. Nobody can hold a Lease there any more,
-and all that is left to do is to let its policies go, so the one that serves the namespace goes on."""
+"""How the API server refuses new objects in a namespace that is being deleted. Nobody can take a Lease there any more,
+and all that is left to do is to let its policies go, so the one that serves the namespace goes on: who held the Lease
+last, or, of a release that was restarted, who saw no other hold it."""
 
 
 class LeaseApi(ListWatch, Protocol):
@@ -150,8 +151,7 @@ class LeaseKeeper:
             written = self._api.write_lease(namespace, self._name, wanted, timeout)
         except ActuationError as error:
             if wanted is not None and TERMINATING in str(error):
-                with self._news:
-                    self.interruptions += candidacy.succeed(wanted, sent, clock())
+                self._go_on(candidacy, wanted, sent)
                 return
             level = logging.DEBUG if error.reason == "Conflict" else logging.WARNING
             log.log(level, "%s: %s", self._subject(namespace), error)
@@ -164,6 +164,14 @@ class LeaseKeeper:
             with self._news:
                 if candidacy.wanted:
                     self.interruptions += candidacy.succeed(written, sent, clock())
+
+    def _go_on(self, candidacy: Candidacy, wanted: Lease, sent: float) -> None:
+        """The namespace is being deleted, and its Lease is gone."""
+        with self._news:
+            if candidacy.other:
+                candidacy.fail(clock(), f"it is being deleted, and {candidacy.other} serves it until it is gone")
+            else:
+                self.interruptions += candidacy.succeed(wanted, sent, clock())
 
     def _failed(self, namespace: str, candidacy: Candidacy, error: ActuationError) -> None:
         if error.reason in ("Conflict", "NotFound") and candidacy.seen:
