@@ -12,7 +12,8 @@ import kubernetes.config.kube_config
 import pytest
 
 from contextpolicy.actuators.resize.stored_originals import UnsignedOriginals
-from contextpolicy.app import supervisor
+from contextpolicy.app import kopf_threads, supervisor, watches
+from contextpolicy.app.kopf_thread import KopfThread
 from contextpolicy.app.probes import serve
 from contextpolicy.app.settings import Settings
 from contextpolicy.app.supervisor import Supervisor, reach
@@ -203,6 +204,36 @@ def test_a_namespace_without_its_role_is_reported_and_the_others_are_served(clus
     assert not one.supervisor._leadership.may_act("gone")
     assert "contextpolicy restore --namespace gone --remove-finalizers" in caplog.text
     assert one.page("readyz") == (200, "ok\n")
+
+
+def test_a_policy_made_and_deleted_over_and_over_stops_kopf_for_nobody(cluster, replica, reported, monkeypatch):
+    """Each time kopf was stopped and started for all namespaces, which broke off others' edits and deletions."""
+    kopf = []
+
+    class Fake(KopfThread):
+        def __init__(self, operator, namespaces, listener):
+            super().__init__(operator, namespaces, listener)
+            kopf.append(self)
+
+    monkeypatch.setattr(kopf_threads, "KopfThread", Fake)
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(reported, namespaces=())
+    reported.wait_for("policy_deleted", "robot")
+    policies, another = one.supervisor._watches._policies, {"name": "p", "namespace": "hall", "uid": "p"}
+    for _ in range(20):
+        policies.on_object({"metadata": another})
+        until(lambda: "hall" in one.supervisor._kopf.namespaces)
+        policies.on_gone("p")
+    policies.on_object({"metadata": {**another, "namespace": "dock"}})
+    until(lambda: "dock" in one.supervisor._kopf.namespaces)
+    assert [set(thread.namespaces) for thread in kopf] == [{"lab"}, {"hall"}, {"dock"}]
+    assert not any(thread._stop.is_set() for thread in kopf)
+    monkeypatch.setattr(watches, "LINGER", 0.0)
+    one.supervisor.on_lists()
+    until(lambda: "hall" not in one.supervisor._kopf.namespaces)
+    assert [thread._stop.is_set() for thread in kopf] == [False, True, False]
+    reported.wait_for("abandon", "hall")
 
 
 def test_lease_is_released_after_the_operator_has_closed(cluster, replica, reported):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from contextlib import nullcontext
 from types import SimpleNamespace
 from unittest.mock import Mock
 
-from contextpolicy.app.watches import Watches
+from contextpolicy.app.watches import LINGER, Watches
 from contextpolicy.cluster.paging import Page
 from tests.cluster.builders import a_pod
 from tests.small_cluster import Recorder
@@ -42,9 +43,55 @@ def _plural(path):
 
 def test_pod_and_node_changes_reach_the_operator():
     api, reported = Api(), Recorder()
-    watches = Watches(api, ["lab"], reported.operator, Mock())
+    watches = Watches(api, ["lab"], reported.operator, Mock(), time.monotonic)
     watches.start()
     reported.wait_for("pod_gone", "uid-slam")
     reported.wait_for("node_gone", "uid-robot-1")
     watches.stop()
     assert {name for name, *_ in reported.calls} == {"pod_changed", "pod_gone", "node_changed", "node_gone"}
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def a_policy(namespace, uid):
+    return {"metadata": {"name": "robot", "namespace": namespace, "uid": uid}}
+
+
+def test_a_namespace_that_is_served_is_kept_for_a_while_without_policies():
+    clock = Clock()
+    watches = Watches(Api(), [], Recorder().operator, Mock(), clock)
+    policies = watches._policies
+    policies.on_object(a_policy("lab", "one"))
+    policies.on_object(a_policy("lab", "two"))
+    policies.on_object(a_policy("hall", "three"))
+    policies.on_gone("one")
+    assert (watches.served({"lab", "hall"}), watches.next_change()) == ({"lab", "hall"}, None), "it has another"
+    policies.on_gone("two")
+    clock.now += LINGER - 1
+    assert (watches.served({"lab", "hall"}), watches.next_change()) == ({"lab", "hall"}, 1.0)
+    clock.now += 1
+    assert watches.served({"lab", "hall"}) == {"hall"}
+    assert watches.next_change() is None
+
+
+def test_a_namespace_that_is_not_served_is_not_kept():
+    """Another release serves it, or it is being deleted."""
+    watches = Watches(Api(), [], Recorder().operator, Mock(), Clock())
+    watches._policies.on_object(a_policy("lab", "one"))
+    watches._policies.on_gone("one")
+    assert watches.served(frozenset()) == set()
+
+
+def test_a_replica_that_serves_nothing_is_woken_once_for_each_namespace():
+    clock = Clock()
+    watches = Watches(Api(), [], Recorder().operator, Mock(), clock)
+    watches._policies.on_object(a_policy("lab", "one"))
+    watches._policies.on_gone("one")
+    clock.now += LINGER
+    assert [watches.next_change(), watches.next_change()] == [0.0, None]

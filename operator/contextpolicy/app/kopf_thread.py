@@ -33,18 +33,25 @@ class KopfThread:
         self._thread = Thread(target=self._run, name="kopf", daemon=True)
         self._thread.start()
 
+    def begin_stop(self) -> None:
+        """Let it end soon."""
+        self._stop.set()
+
     def stop(self) -> None:
         """End it, and wait until no handler runs any more."""
-        self._stop.set()
+        self.begin_stop()
         self._thread.join()
 
     def submit(self, beat: Callable[[], None]) -> None:
-        """Call `beat` on kopf's loop; at once before there is one."""
+        """Call `beat` on kopf's loop; at once before there is one, and after it was ended."""
         loop = self._memo.loop
-        if loop is None:
-            beat()
-        else:
-            loop.call_soon_threadsafe(beat)
+        try:
+            if loop is not None:
+                loop.call_soon_threadsafe(beat)
+                return
+        except RuntimeError:  # it is closed
+            pass
+        beat()
 
     def _run(self) -> None:
         try:

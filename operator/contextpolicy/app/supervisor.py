@@ -8,11 +8,12 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from threading import Condition, Event, Thread
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
-from contextpolicy.app.kopf_thread import KopfThread
+from contextpolicy.app.kopf_threads import KopfThreads
 from contextpolicy.app.leadership import Leadership
 from contextpolicy.app.probes import HUNG, Heartbeat
 from contextpolicy.app.watches import Watches
@@ -91,9 +92,9 @@ class Supervisor:
             agents_everywhere=settings.agents_everywhere,
         )
         self._heartbeat = Heartbeat(_LoopThread(loop))
-        self._watches = Watches(api, settings.namespaces, self.operator, self)
-        self._kopf: KopfThread | None = None
-        self._kopf_heartbeat: Heartbeat | None = None
+        self._watches = Watches(api, settings.namespaces, self.operator, self, time.monotonic)
+        self._kopf = KopfThreads(self.operator, self)
+        self._kopf_heartbeat = Heartbeat(self._kopf)
         self._interruptions = 0
         self._stop = Event()
         self._connecting = Thread(target=self._connect, name="connect", daemon=True)
@@ -105,10 +106,10 @@ class Supervisor:
         self._leadership.start()
         Thread(target=self._await, args=(stop,), name="stop", daemon=True).start()
         try:
-            while not (stop.is_set() or (self._kopf is not None and self._kopf.failed)):
+            while not (stop.is_set() or self._kopf.failed):
                 self._follow_leadership()
                 self._sleep()
-            return 1 if self._kopf is not None and self._kopf.failed else 0
+            return 1 if self._kopf.failed else 0
         finally:
             self._close()
 
@@ -118,8 +119,8 @@ class Supervisor:
 
     def delays(self) -> Mapping[str, float]:
         """Seconds for which each loop has not answered, by its name; takes at most a second, whatever hangs."""
-        beating = {"the event loop": self._heartbeat, "kopf's loop": self._kopf_heartbeat}
-        return {name: heartbeat.delay() for name, heartbeat in beating.items() if heartbeat is not None}
+        beating = {"the event loop": self._heartbeat, "kopf's loops": self._kopf_heartbeat}
+        return {name: heartbeat.delay() for name, heartbeat in beating.items()}
 
     def unready(self) -> list[str]:
         """Why this replica does not decide, or could not as soon as it leads."""
@@ -153,9 +154,9 @@ class Supervisor:
             self._listener.on_deposed()
         if not self._leadership.leads or self._watches.unlisted():
             return
-        self._leadership.serve(self._watches.served())
+        self._leadership.serve(self._watches.served(self._kopf.namespaces))
         served = self._leadership.served
-        if served is not None and served != (self._kopf.namespaces if self._kopf else frozenset()):
+        if served is not None and served != self._kopf.namespaces:
             self._serve(served)
         if self._leadership.interruptions != self._interruptions:
             self._interruptions = self._leadership.interruptions
@@ -163,12 +164,12 @@ class Supervisor:
 
     def _serve(self, namespaces: frozenset[str]) -> None:
         log.info("serving %s", ", ".join(sorted(namespaces)) or "no namespace")
-        if self._kopf is not None:
-            self._kopf.stop()
-            for lost in self._kopf.namespaces - namespaces:
-                self.operator.abandon(lost)
-        self._kopf = KopfThread(self.operator, namespaces, self) if namespaces else None
-        self._kopf_heartbeat = Heartbeat(self._kopf) if self._kopf else None
+        before = self._kopf.namespaces
+        self._kopf.serve(namespaces)
+        # A beat may have ended with a thread.
+        self._kopf_heartbeat = Heartbeat(self._kopf)
+        for lost in before - namespaces:
+            self.operator.abandon(lost)
 
     def _connect(self) -> None:
         """On a thread: waiting for a router must not keep the operator from its other work."""
@@ -179,8 +180,7 @@ class Supervisor:
     def _close(self) -> None:
         """Kopf first, so that no handler runs; the Lease last, when nothing of ours is on its way any more."""
         self._stop.set()
-        if self._kopf is not None:
-            self._kopf.stop()
+        self._kopf.stop()
         self._connecting.join()
         self._watches.stop()
         self.operator.close()
@@ -209,9 +209,9 @@ class Supervisor:
             self._news.notify()
 
     def _sleep(self) -> None:
-        """Until something has happened since this was last called."""
+        """Until something has happened since this was last called, or time has changed what is to be served."""
         with self._news:
-            self._news.wait_for(lambda: self._woken)
+            self._news.wait_for(lambda: self._woken, self._watches.next_change())
             self._woken = False
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
+from math import inf
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.policy.custom_resource import API, PLURAL
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from contextpolicy.app.wiring import Operator
     from contextpolicy.cluster.watching import ListWatch
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 POLICIES = f"{API}/{PLURAL}"
+LINGER = 60.0
+"""Seconds for which a namespace without policies is kept: one policy that is made and deleted over and over must not
+stop and start kopf each time, for the namespaces that it serves besides. The Lease is kept for as long."""
 NOT_SERVED = (
     "not serving namespace %s: listing its pods is forbidden. If its Role is missing, upgrade the release. If the "
     "namespace is being deleted, its Role is gone already, and policies left there block the deletion: release them "
@@ -34,8 +39,15 @@ class ListsListener(Protocol):
 class Watches:
     """Hands pods and nodes to the operator; without `namespaces`, those of all."""
 
-    def __init__(self, api: ListWatch, namespaces: Iterable[str], operator: Operator, listener: ListsListener) -> None:
-        pods, nodes, self._policies = _Pods(operator, listener), _Nodes(operator, listener), _Policies(listener)
+    def __init__(
+        self,
+        api: ListWatch,
+        namespaces: Iterable[str],
+        operator: Operator,
+        listener: ListsListener,
+        clock: Callable[[], float],
+    ) -> None:
+        pods, nodes, self._policies = _Pods(operator, listener), _Nodes(operator, listener), _Policies(listener, clock)
         self._pods = {namespace: ObjectWatch(api, pods_of(namespace), pods) for namespace in namespaces}
         self._all = [*self._pods.values(), ObjectWatch(api, "/api/v1/nodes", nodes)]
         if not self._pods:
@@ -65,13 +77,20 @@ class Watches:
         refused = [watch for watch in self._pods.values() if watch.refused]
         return [str(watch) for watch in self._all if not watch.listed.done() and watch not in refused]
 
-    def served(self) -> set[str]:
-        """The namespaces that may be served: those with policies or as configured, where we may list the pods."""
+    def served(self, before: Collection[str]) -> set[str]:
+        """The namespaces that may be served: those with policies or as configured, where we may list the pods.
+
+        One that was served `before` and lost its last policy just now is kept for a while.
+        """
         refused = frozenset(namespace for namespace, watch in self._pods.items() if watch.refused)
         for namespace in sorted(refused - self._refused):
             log.warning(NOT_SERVED, namespace, namespace)
         self._refused = refused
-        return (set(self._pods) or set(self._policies.namespaces.values())) - refused
+        return (set(self._pods) or self._policies.served(before)) - refused
+
+    def next_change(self) -> float | None:
+        """Seconds until a namespace is kept no more; None where none is."""
+        return self._policies.next_change()
 
 
 class _Pods:
@@ -103,19 +122,41 @@ class _Nodes:
 
 
 class _Policies:
-    """The namespace of each policy by UID."""
+    """The namespace of each policy by UID, and when others lost their last one; changed on the watch's thread."""
 
-    def __init__(self, listener: ListsListener) -> None:
-        self.namespaces: dict[str, str] = {}
-        self._listener = listener
+    def __init__(self, listener: ListsListener, clock: Callable[[], float]) -> None:
+        self._namespaces: dict[str, str] = {}
+        self._left: dict[str, float] = {}
+        self._listener, self._clock = listener, clock
+        self._lock = Lock()
 
     def on_object(self, item: Mapping[str, Any]) -> None:
-        self.namespaces[item["metadata"]["uid"]] = item["metadata"]["namespace"]
+        namespace = item["metadata"]["namespace"]
+        with self._lock:
+            self._namespaces[item["metadata"]["uid"]] = namespace
+            self._left.pop(namespace, None)
         self._listener.on_lists()
 
     def on_gone(self, uid: str) -> None:
-        self.namespaces.pop(uid, None)
+        with self._lock:
+            namespace = self._namespaces.pop(uid, None)
+            if namespace is not None and namespace not in self._namespaces.values():
+                self._left[namespace] = self._clock()
         self._listener.on_lists()
+
+    def served(self, before: Collection[str]) -> set[str]:
+        with self._lock:
+            now = self._clock()
+            self._left = {name: at for name, at in self._left.items() if now < at + LINGER and name in before}
+            return {*self._namespaces.values(), *self._left}
+
+    def next_change(self) -> float | None:
+        with self._lock:
+            now = self._clock()
+            due = min(self._left.values(), default=inf) + LINGER
+            if due <= now:  # told once: who asks may not be serving yet
+                self._left = {name: at for name, at in self._left.items() if now < at + LINGER}
+            return None if due == inf else max(0.0, due - now)
 
     def on_listing(self) -> None:
         self._listener.on_lists()
