@@ -13,10 +13,11 @@ from tests.cluster.claiming import claim
 WEIGHTED = {"enforcement": {"control": "Weight"}}
 
 
-def room_of(*policies, pods, elsewhere=None, **more):
-    """`elsewhere` is what pods of other namespaces request and have been granted."""
+def room_of(*policies, pods, elsewhere=None, arriving=0, **more):
+    """`elsewhere` is what pods of other namespaces request and have been granted, `arriving` what they wait for."""
     others = elsewhere or {}
-    found = claim(policies, pods, NODES, elsewhere=others, weighing=others, **more)
+    requested = {NODE: others.get(NODE, 0) + arriving}
+    found = claim(policies, pods, NODES, elsewhere=requested, weighing=others, **more)
     return {policy.name: found[policy.reference].room.get(NODE) for policy in policies}
 
 
@@ -62,3 +63,13 @@ def test_another_namespaces_policy_does_not_cut_requests_below_ones_own():
         view(a_pod("arm", {"arm": cpu("10m", "64")}, namespace="elsewhere")),
     ]
     assert room_of(other, robot, pods=pods, elsewhere={NODE: 500}) == {"robot": 600, "other": 900}
+
+
+def test_a_pod_that_arrives_has_room_as_far_as_it_fits_beside_what_all_request():
+    """Whoever may make pods can name the node in them: the kubelet refuses them, and their Deployment makes more."""
+    robot = policy_of("robot", "slam", **WEIGHTED)
+    pods = [view(a_pod("slam", {"slam": cpu("600m", "1")}))]
+    assert room_of(robot, pods=pods, elsewhere={NODE: 500}, arriving=300) == {"robot": 1200}
+    assert room_of(robot, pods=pods, elsewhere={NODE: 500}, arriving=64_000) == {"robot": 600}
+    refused = view(a_pod("refused", {"refused": cpu("64", "64")}) | {"status": {"phase": "Pending"}})
+    assert room_of(robot, pods=[*pods, refused], elsewhere={NODE: 500}) == {"robot": 600}

@@ -90,13 +90,14 @@ def claim(  # noqa: PLR0913 - all that a claim depends on
     registry = _Registry(nodes, tenants, _owned(found, tenants))
     placed = {policy.reference: registry.admit(policy, matches) for policy, matches in found}
     held = {reference: (own.placement.containers, registry.parts[reference]) for reference, own in placed.items()}
-    free = {node: size - elsewhere.get(node, 0) for node, size in nodes.items() if node not in agents}
+    free = {node: size - weighing.get(node, 0) for node, size in nodes.items() if node not in agents}
+    arriving = {node: max(0, amount - weighing.get(node, 0)) for node, amount in elsewhere.items()}
     requests = {match.container.id: match.stake.request for _, matches in found for match in matches}
     beside = {node: size - weighing.get(node, 0) for node, size in nodes.items()}
     for group in groups([policy for policy, _ in found]):
         most = most_weights(group, held, requests, tenants, beside, pods)
         parties = [party(one, held[one.reference][0], most[one.reference]) for one in group]
-        room = rooms(parties, free, pods, original)
+        room = rooms(parties, free, pods, original, arriving)
         for one in group:
             placed[one.reference].most_weight, placed[one.reference].room = most[one.reference], room[one.reference]
     for policy, _ in found:

@@ -113,6 +113,11 @@ class PodView:
         object.__setattr__(self, "by_name", {container.name: container for container in self.containers})
 
     @property
+    def admitted(self) -> bool:
+        """Whether its kubelet has let it in, as its containers show; who may make pods can name any node in them."""
+        return self.running or (not self.ended and any(container.container_id for container in self.containers))
+
+    @property
     def seen(self) -> bool:
         """Whether the kubelet has seen the newest spec; True where it does not report that (before Kubernetes 1.34)."""
         return self.observed_generation is None or self.observed_generation >= self.generation

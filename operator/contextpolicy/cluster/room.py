@@ -6,7 +6,7 @@ The scheduler places pods by their requests, and a kubelet defers a resize whose
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,6 +33,11 @@ class PodDemand(NamedTuple):
     fixed: int
     moved: float
     least: int
+
+    @property
+    def total(self) -> int:
+        """What it takes of its node if no policy moves anything."""
+        return max(self.fixed, self.least)
 
     def taken(self, step: int) -> float:
         """What it takes of its node if requests are cut to so many parts."""
@@ -78,17 +83,32 @@ def groups(policies: Sequence[Policy]) -> Iterator[list[Policy]]:
 
 
 def rooms(
-    parties: Sequence[Party], nodes: Mapping[str, int], pods: Iterable[PodView], original: Original
+    parties: Sequence[Party],
+    nodes: Mapping[str, int],
+    pods: Iterable[PodView],
+    original: Original,
+    arriving: Mapping[str, int],
 ) -> dict[str, dict[str, int]]:
     """What the requests of each party may add up to, by node; all on a node are cut by the same factor.
 
-    `nodes` are those where requests are weights, with what pods that are not among `pods` leave of them.
+    `nodes` are those where requests are weights, with what admitted pods that are not among `pods` leave of them, and
+    `arriving` is what others request there that no kubelet has admitted yet. Room is made for those as far as they fit
+    beside what everybody requested before any policy: whoever may make pods could else take it from the parties.
     """
     moved = {identity: amount for own in parties for identity, amount in own.moved.items()}
     demands: dict[str, list[PodDemand]] = defaultdict(list)
+    there, new = Counter[str](), Counter[str](arriving)
     for pod in pods:
-        demands[pod.node].append(demand(pod, original, moved))
-    fitting = {node: fit(left, demands[node]) for node, left in nodes.items()}
+        own = demand(pod, original, moved)
+        if pod.admitted:
+            there[pod.node] += demand(pod, original).total
+        else:
+            new[pod.node] += own.total
+            own = PodDemand(0, own.moved, 0)
+        demands[pod.node].append(own)
+    fitting = {
+        node: fit(left - min(new[node], max(0, left - there[node])), demands[node]) for node, left in nodes.items()
+    }
     return {
         own.reference: {node: amount * fitting[node] // STEPS for node, amount in own.asked.items() if node in nodes}
         for own in parties
@@ -97,8 +117,7 @@ def rooms(
 
 def requested(pod: PodView) -> int:
     """What a pod takes of its node that no policy has to do with."""
-    own = demand(pod)
-    return max(own.fixed, own.least)
+    return demand(pod).total
 
 
 def demand(pod: PodView, original: Original = lambda *_: None, moved: Mapping[str, float] | None = None) -> PodDemand:

@@ -68,8 +68,7 @@ def granted(pod: PodView, requests: Mapping[str, int] = _NOTHING, but: Collectio
 
     Whoever may make pods may request anything, on any node: what no kubelet has admitted weighs nothing.
     """
-    started = pod.running or (not pod.ended and any(one.container_id for one in pod.containers))
-    if not started:
+    if not pod.admitted:
         return 0
     admitted = {container_id(pod, one.name): one.admitted for one in pod.containers}
     own = sum(requests.get(identity, amount) for identity, amount in admitted.items() if identity not in but)
