@@ -97,7 +97,7 @@ def test_a_protected_task_weighs_a_core_over_all_its_containers_on_a_node(pods):
 
 
 def test_a_protected_task_weighs_a_core_beside_the_other_tasks_whatever_else_is_on_the_node():
-    """As on the usual robot: one namespace, and beside it the pods of k3s and the operator, which keep their requests."""
+    """As on the usual robot: one namespace, beside the pods of k3s and the operator, which keep their requests."""
     policy = weighted(
         a_task("nav", protected=True, priority=10), a_task("slam", priority=100), a_task("map", priority=3)
     )

@@ -103,7 +103,7 @@ class Candidacy:
         """Why we may not even run for it, if so: no right, or no such namespace."""
         self.wanted = True
         self.other = ""
-        """Who else held it when it was last there: a Lease goes with its namespace, and then nobody can take it over."""
+        """Who else held it when it was last there: a Lease goes with its namespace, and then nobody can take it."""
         self.follows = False
         """Another holds the Lease and is alive: since we first looked, it has taken or renewed it."""
         self._seen: Lease | None = None

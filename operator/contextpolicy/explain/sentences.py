@@ -103,8 +103,10 @@ def _enforced(control: str, own: Mapping[str, Any], share: int) -> Iterator[str]
     if control == Control.WEIGHT:
         yield "That is its weight where CPU is contested (control Weight); it may also use what others leave idle."
         if own["protected"] and share < PROTECTED_WEIGHT:
-            least = _cpu(PROTECTED_WEIGHT)
-            yield f"It is protected, so beside the other tasks it weighs {least}: a small weight waits long for its turn."
+            yield (
+                f"It is protected, so beside the other tasks it weighs {_cpu(PROTECTED_WEIGHT)}: "
+                "a small weight waits long for its turn."
+            )
 
 
 def _shareless(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> str:

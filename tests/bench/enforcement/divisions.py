@@ -137,10 +137,10 @@ def _limits(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
 
 
 def _weights(tasks: Sequence[Task], context: Context, table: Table = WEIGHTED) -> dict[str, Setting]:
-    """A weight from the share, all cut alike to what the processors are; a suspended one is least, and soon has a quota.
+    """A weight from the share, all cut alike to fit the processors; a suspended task has the least, and soon a quota.
 
-    So much a robot's policy may weigh on a node that nobody else requests anything of. Beside other pods it is less, and
-    the weights compare in the same way.
+    So much may a robot's policy weigh on a node that nobody else requests anything of. Beside other pods it is less,
+    and the weights compare in the same way.
     """
     running = [task for task in tasks if task.name not in context.suspends]
     wanted = sum(task.wants for task in running) / PROCESSORS

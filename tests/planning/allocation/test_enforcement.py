@@ -55,7 +55,8 @@ def test_a_protected_tasks_weight_is_not_cut_below_its_min(task, share, containe
 
 
 WEIGHTS = st.dictionaries(
-    st.sampled_from("abcdefgh"), st.tuples(st.integers(1, 500), st.integers(0, 4000)).map(lambda own: (own[0], sum(own)))
+    st.sampled_from("abcdefgh"),
+    st.tuples(st.integers(1, 500), st.integers(0, 4000)).map(lambda own: (own[0], sum(own))),
 )
 """What is kept, and what is wanted."""
 
