@@ -77,7 +77,7 @@ def targets(policies, pods, nodes, **more):
 
 def weights(targets):
     """By task, in thousandths of a core."""
-    found = Counter()
+    found = Counter[str]()
     for target in targets:
         found[target["task"]] += round((target["weight"] or 0) * 1000)
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
 from unittest.mock import Mock
 
 import pytest
@@ -13,7 +14,7 @@ from contextpolicy.app.kopf_threads import MOST, KopfThreads
 class FakeThread:
     """Kopf for some namespaces; `all` are those that were started."""
 
-    all: list[FakeThread] = []
+    all: ClassVar[list[FakeThread]] = []
 
     def __init__(self, _operator, namespaces, _listener):
         self.namespaces, self.failed, self.stopped = frozenset(namespaces), False, False

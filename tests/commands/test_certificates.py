@@ -47,7 +47,7 @@ class Cluster(ApiServer):
         self.secrets[place] = Secret(files, str(int(version) + 1))
         self.written.append(place)
 
-    def may(self, user, right):
+    def may(self, user, _right):
         return user.startswith(tuple(f"system:serviceaccount:{namespace}:" for namespace in self.genuine))
 
     def items(self, path):

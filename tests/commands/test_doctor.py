@@ -94,7 +94,7 @@ class ReviewingApi(FakeApi):
         super().__init__(operators=pods)
         self._refused = refused
 
-    def may(self, user, right):
+    def may(self, user, _right):
         if self._refused:
             raise ActuationError("Forbidden", "no", retriable=False)
         return user.startswith("system:serviceaccount:system:")

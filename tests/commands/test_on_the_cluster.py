@@ -454,15 +454,16 @@ def test_disguised_operator_pod_is_not_queried(cluster, forwarded, words):
     assert forwarded == ["system pod/operator"]
 
 
+@pytest.mark.usefixtures("operator")
 @pytest.mark.parametrize("words", [*WORDS, ["top", "--once"]], ids=" ".join)
-def test_disguised_release_that_cannot_be_asked_keeps_nobody_from_the_real_one(
-    cluster, forwarded, operator, words, monkeypatch
-):
+def test_disguised_release_that_cannot_be_asked_keeps_nobody_from_the_real_one(cluster, forwarded, words, monkeypatch):
     """A tenant's pod under a name of its own: its port is no number, or nothing answers there."""
     tenant, silent = an_operator("lab/fake", name="fake"), an_operator("lab/silent", name="silent")
     tenant["spec"]["containers"][0]["env"].append({"name": "LIVE_PORT", "value": "x"})
-    port = cluster_access._local_port(None)
-    monkeypatch.setattr(cluster_access, "_local_port", lambda _: free_port() if "silent" in forwarded[-1] else port)
+    real = cluster_access._local_port
+    monkeypatch.setattr(
+        cluster_access, "_local_port", lambda forward: free_port() if "silent" in forwarded[-1] else real(forward)
+    )
     cluster.operators, cluster.holder = [tenant, silent, an_operator(FIRST)], FIRST
     assert cli.main(words) == 0
     assert "lab pod/fake" not in forwarded

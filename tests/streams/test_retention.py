@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from contextpolicy.policy.spec import Stream
+from contextpolicy.policy.stream_spec import Stream
 from contextpolicy.streams.decoding import MAX_PAYLOAD, Decoder
 from contextpolicy.streams.retention import LEAST, POOL, Retention, footprint
 

@@ -148,9 +148,7 @@ def _pods(api: ApiServer, selector: str) -> list[dict[str, Any]]:
     return api.items(f"/api/v1/pods?labelSelector={quote(selector)}")
 
 
-def _beside(
-    operators: Sequence[Mapping[str, Any]] | None, routers: Sequence[dict[str, Any]]
-) -> list[dict[str, Any]]:
+def _beside(operators: Sequence[Mapping[str, Any]] | None, routers: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """The routers of the operators' releases, which have no account to know them by; all where no operator is known."""
     places = {pod["metadata"]["namespace"] for pod in operators or ()}
     return [pod for pod in routers if not places or pod["metadata"]["namespace"] in places]

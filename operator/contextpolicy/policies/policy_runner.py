@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.planning.restart import Remembered
     from contextpolicy.policies.services import Services
-    from contextpolicy.policy.spec import Policy, Stream
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.stream_spec import Stream
     from contextpolicy.recorder.flight_recorder import FlightRecorder, Records
     from contextpolicy.streams.retention import Kept, Retention
 

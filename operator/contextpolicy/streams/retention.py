@@ -14,7 +14,7 @@ from contextpolicy.streams.decoding import MAX_PAYLOAD, MAX_VALUES
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from contextpolicy.policy.spec import Stream
+    from contextpolicy.policy.stream_spec import Stream
 
 POOL = 64 << 20
 """Bytes. A namespace may have its equal part of this whatever the others took, so that 2 take up to 1.5 times as much

@@ -2,7 +2,7 @@
 
 import pytest
 
-from contextpolicy.bus.decision_bus import message
+from contextpolicy.bus.plan_message import message
 from contextpolicy.cluster.pods import view
 from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
 from tests.bench.enforcement.divisions import (
