@@ -146,7 +146,7 @@ def test_sidecars_and_guaranteed_pods_keep_their_requests():
 
 
 def test_what_no_kubelet_has_admitted_leaves_weights_as_they_are():
-    """Whoever may make pods can name the node in them, and resize them to any request."""
+    """Who may make pods can name the node in them, and resize them to any request."""
     refused = a_pod("refused", {"refused": cpu("64", "64")}, namespace="elsewhere")
     deferred = granted("10m", a_pod("deferred", {"deferred": cpu("64", "64")}, namespace="elsewhere"))
     pods = [view(refused | {"status": {"phase": "Pending"}}), view(deferred), view(a_pod("slam"))]

@@ -1,4 +1,4 @@
-"""Which threads of kopf begin anew when namespaces come and go."""
+"""Which threads of kopf start again when namespaces come and go."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_namespace_that_comes_leaves_the_others_alone(kopf, started):
     assert kopf.namespaces == {"lab", "hall", "dock"}
 
 
-def test_a_namespace_that_goes_begins_only_its_own_thread_anew(kopf, started):
+def test_a_namespace_that_goes_restarts_only_its_own_thread(kopf, started):
     kopf.serve(frozenset({"lab", "hall"}))
     kopf.serve(frozenset({"lab", "hall", "dock"}))
     kopf.serve(frozenset({"lab", "hall"}))
@@ -73,7 +73,7 @@ def test_the_number_of_threads_is_bounded(kopf, started):
         kopf.serve(frozenset(names[:count]))
         assert set().union(*running(started)) == set(names[:count])
         assert len(running(started)) <= MOST
-    assert len([one for one in started if one.stopped]) == 2 * MOST, "all begin anew twice, together"
+    assert len([one for one in started if one.stopped]) == 2 * MOST, "all start again twice, together"
 
 
 def test_it_has_failed_if_one_thread_has(kopf, started):

@@ -66,7 +66,7 @@ def test_another_namespaces_policy_does_not_cut_requests_below_ones_own():
 
 
 def test_a_pod_that_arrives_has_room_as_far_as_it_fits_beside_what_all_request():
-    """Whoever may make pods can name the node in them: the kubelet refuses them, and their Deployment makes more."""
+    """Who may make pods can name the node in them: the kubelet refuses them, and their Deployment makes more."""
     robot = policy_of("robot", "slam", **WEIGHTED)
     pods = [view(a_pod("slam", {"slam": cpu("600m", "1")}))]
     assert room_of(robot, pods=pods, elsewhere={NODE: 500}, arriving=300) == {"robot": 1200}

@@ -109,7 +109,7 @@ def test_a_tenants_pod_with_an_operators_labels_is_not_judged(order):
     assert found.lacking == []
 
 
-def test_all_pods_with_an_operators_labels_are_judged_where_accounts_cannot_be_told_apart():
+def test_all_pods_with_an_operators_labels_are_judged_where_accounts_look_alike():
     real, fake = an_operator(""), disguised(phase="Pending")
     assert facts(ReviewingApi(real, fake, refused=True), [None]).operators == [real, fake]
     other = disguised()

@@ -1,7 +1,7 @@
 """Kopf for namespaces that come and go.
 
-Kopf serves a fixed set of namespaces, and what it begins anew reads every policy again and breaks off running handlers.
-So namespaces that come get a thread of their own, and only a thread that loses one of its namespaces begins anew.
+Kopf serves a fixed set of namespaces, and what it starts again reads every policy again and breaks off running handlers.
+So namespaces that come get a thread of their own, and only a thread that loses one of its namespaces starts again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from contextpolicy.app.wiring import Operator
 
 MOST = 4
-"""Threads: each has connections and a loop of its own. With more namespaces to come, all begin anew in one."""
+"""Threads: each has connections and a loop of its own. With more namespaces to come, all start again in one."""
 
 
 class KopfThreads:

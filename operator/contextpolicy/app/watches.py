@@ -154,7 +154,7 @@ class _Policies:
         with self._lock:
             now = self._clock()
             due = min(self._left.values(), default=inf) + LINGER
-            if due <= now:  # told once: who asks may not be serving yet
+            if due <= now:  # said once: who asks may not be serving yet
                 self._left = {name: at for name, at in self._left.items() if now < at + LINGER}
             return None if due == inf else max(0.0, due - now)
 

@@ -93,7 +93,7 @@ def rooms(
 
     `nodes` are those where requests are weights, with what admitted pods that are not among `pods` leave of them, and
     `arriving` is what others request there that no kubelet has admitted yet. Room is made for those as far as they fit
-    beside what everybody requested before any policy: whoever may make pods could else take it from the parties.
+    beside what everybody requested before any policy: who may make pods could else take it from the parties.
     """
     moved = {identity: amount for own in parties for identity, amount in own.moved.items()}
     demands: dict[str, list[PodDemand]] = defaultdict(list)

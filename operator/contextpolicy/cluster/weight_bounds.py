@@ -1,7 +1,7 @@
 """What the weights of policies may add up to on a node, so that everybody else keeps what it requests. Pure.
 
 Contested CPU is divided by weight, and a pod that no policy weighs has its request as its weight. So if all weights of
-a node fit into it together, whoever wants it gets at least its own weight. All amounts are thousandths of a core.
+a node fit into it together, who wants it gets at least its own weight. All amounts are thousandths of a core.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def most_weights(  # noqa: PLR0913, PLR0917 - all that weights share a node with
 def granted(pod: PodView, requests: Mapping[str, int] = _NOTHING, but: Collection[str] = _NONE) -> int:
     """What a pod weighs beside its containers `but`: the request that its kubelet has granted, before any policy.
 
-    Whoever may make pods may request anything, on any node: what no kubelet has admitted weighs nothing.
+    Who may make pods may request anything, on any node: what no kubelet has admitted weighs nothing.
     """
     if not pod.admitted:
         return 0
