@@ -1,6 +1,6 @@
 """Kopf for namespaces that come and go.
 
-Kopf serves a fixed set of namespaces, and what it starts again reads every policy again and breaks off running handlers.
+Kopf serves a fixed set of namespaces, and when it starts again it reads all policies and breaks off running handlers.
 So namespaces that come get a thread of their own, and only a thread that loses one of its namespaces starts again.
 """
 
