@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.bus.target_weights import fit_weights
@@ -49,7 +48,9 @@ def _targets(
     shares = plan.containers
     tasks = {container.id: container for container in containers if container.id in shares}
     specs = {task.name: task for task in policy.tasks}
-    count = Counter([(container.node, container.task) for container in tasks.values()])
+    count: dict[tuple[str, str], int] = {}
+    for one in tasks.values():
+        count[one.node, one.task] = count.get((one.node, one.task), 0) + 1
     # There an agent writes quotas for suspended tasks only.
     realtime = {name for name, node in plan.nodes.items() if node.scheduler is Scheduler.REALTIME}
     for pod in pods:
