@@ -115,20 +115,23 @@ def test_router_drops_oversized_messages():
         open_visitor([endpoint], patience=PATIENCE) as listener,
         open_visitor([endpoint], patience=PATIENCE) as sender,
     ):
-        listener.declare_subscriber("**", lambda sample: heard.put((str(sample.key_expr), len(sample.payload))))
+        for keys in ("**", "**/@adv/**"):
+            listener.declare_subscriber(keys, lambda sample: heard.put((str(sample.key_expr), len(sample.payload))))
         publishers = [
             sender.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
-            for key in ("robot/imu", "contextpolicy/agents/n1/confirmed")
+            for key in ("robot/imu", "robot/map/@adv/x", "contextpolicy/agents/n1/confirmed")
         ]
         for publisher in publishers:
             Matching(publisher).wait(expected=True)
             for size in (600_000, 300_000, 100_000):
                 publisher.put(b"x" * size)
-        got = [heard.get(timeout=PATIENCE) for _ in range(3)]
+        got = [heard.get(timeout=PATIENCE) for _ in range(5)]
     assert sorted(got) == [
         ("contextpolicy/agents/n1/confirmed", 100_000),
         ("robot/imu", 100_000),
         ("robot/imu", 300_000),
+        ("robot/map/@adv/x", 100_000),
+        ("robot/map/@adv/x", 300_000),
     ]
     assert heard.empty()
 
@@ -146,6 +149,12 @@ def test_a_router_waits_for_no_subscriber(endpoint):
         Matching(publisher).wait(expected=True)
         publisher.put("frame")
         assert heard.get(timeout=PATIENCE).congestion_control == zenoh.CongestionControl.DROP
+
+
+def test_a_router_does_not_wait_long_for_who_does_not_read_declarations():
+    """Zenoh never drops those: it waits, 5 s by default, and then closes the session."""
+    waits = session._config(session._router([])).get_json("transport/link/tx/queue/congestion_control/block")
+    assert json.loads(waits) == {"wait_before_close": 250_000}
 
 
 def test_a_router_routes_as_soon_as_it_listens():
