@@ -32,6 +32,8 @@ class Query:
     answers: list[Any] = field(default_factory=list)
     attachments: list[bytes | None] = field(default_factory=list)
     payload: bytes | None = None
+    attachment: bytes | None = None
+    parameters: str = ""
     ended: bool = False
 
     def reply(self, _: str, payload: bytes, *, attachment: bytes | None = None, **__: Any) -> None:
@@ -96,7 +98,7 @@ class FakeSession:
             get=self._find_tokens,
         )
 
-    def get(self, selector: str, handler: Any = None, *, timeout: float) -> Iterator[Any] | None:
+    def get(self, selector: str, handler: Any = None, *, timeout: float, **_: Any) -> Iterator[Any] | None:
         """Without a handler all answers, waited for; with one, to it, and its `drop` is called when they have ended."""
         self._require_open()
         assert timeout > 0
@@ -165,9 +167,9 @@ class FakeSession:
             if subscriber.callback is not None:
                 subscriber.callback(sample)
 
-    def ask(self, key: str, payload: bytes | None = None) -> Query:
+    def ask(self, key: str, **carried: Any) -> Query:
         """A question arrives; it is answered when the loop has its turn."""
-        query = Query(payload=payload)
+        query = Query(**carried)
         [queryable] = [one for one in self.queryables if one.key == key]
         if queryable.callback is not None:
             queryable.callback(query)

@@ -7,16 +7,8 @@ import time
 import pytest
 from reactivex.testing import TestScheduler
 
-from contextpolicy.bus.decision_bus import (
-    MOST_WAITING,
-    Bus,
-    agent_key,
-    applied_key,
-    plan_key,
-    policy_of,
-    topic_key,
-)
-from contextpolicy.bus.questions import Questions
+from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, plan_key, policy_of, topic_key
+from contextpolicy.bus.questions import MOST_WAITING, Questions
 from contextpolicy.bus.signatures import Signer, UnsignedPlans, Verifier
 from tests.bus.certificates import signing_keys
 from tests.bus.deciding import POLICY
@@ -101,7 +93,7 @@ def test_excess_queries_are_answered_at_once(session, scheduler):
 
 def test_oversized_question_is_ended_at_once(session, scheduler):
     a_bus(session, scheduler, Asked({"n": 1}))
-    small, large = (session.ask("contextpolicy/lab/robot/plan", b"x" * size) for size in (4096, 4097))
+    small, large = (session.ask("contextpolicy/lab/robot/plan", attachment=b"x" * size) for size in (4096, 4097))
     scheduler.advance_by(1)
     assert (small.answers, large.answers, large.ended) == ([{"n": 1}], [], True)
 

@@ -12,7 +12,7 @@ import zenoh
 
 from contextpolicy.bus import session
 from contextpolicy.bus.session import open_client, open_router, open_visitor
-from tests.modules.robotkit.bus import Matching
+from tests.modules.robotkit.bus import Matching, ask
 from tests.ports import free_port
 from tests.waiting import PATIENCE
 
@@ -149,6 +149,20 @@ def test_a_router_waits_for_no_subscriber(endpoint):
         Matching(publisher).wait(expected=True)
         publisher.put("frame")
         assert heard.get(timeout=PATIENCE).congestion_control == zenoh.CongestionControl.DROP
+
+
+def test_router_ends_queries_that_carry_much_to_operators_and_agents(endpoint):
+    """Only those on contextpolicy/agents/** were bounded, which wildcards avoid, and by 256 KiB."""
+    node = "contextpolicy/agents/n1"
+    with (
+        open_router([endpoint]),
+        open_visitor([endpoint], patience=PATIENCE) as agent,
+        open_visitor([endpoint], patience=PATIENCE) as viewer,
+        agent.declare_queryable(node, lambda query: query.reply(node, "report")),
+    ):
+        assert ask(viewer, node) == ["report"]
+        for size, answers in ((4096, 1), (4097, 0)):
+            assert len(list(viewer.get("contextpolicy/*/n1", payload=bytes(size), timeout=PATIENCE))) == answers
 
 
 def test_a_router_does_not_wait_long_for_who_does_not_read_declarations():

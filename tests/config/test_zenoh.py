@@ -11,6 +11,7 @@ import pytest
 import zenoh
 
 from contextpolicy.bus.roles import access_control
+from contextpolicy.bus.session import LARGEST, _bounds, _config, _router
 from tests.bus.certificates import ROLES
 from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
@@ -31,6 +32,21 @@ def test_router_acl_equals_the_charts():
     expected = zenoh.Config()
     expected.insert_json5("access_control", json.dumps(access_control(SAMPLES, by="usernames")))
     assert json.loads(config.get_json("access_control")) == json.loads(expected.get_json("access_control"))
+
+
+BOUNDS = {
+    "qos/network",
+    "low_pass_filter",
+    "transport/link/rx/max_message_size",
+    "transport/link/tx/queue/congestion_control/block",
+}
+
+
+@pytest.mark.parametrize("key", sorted(BOUNDS))
+def test_router_bounds_equal_the_charts(key):
+    config = zenoh.Config.from_file(str(CONFIGURATIONS / "router-acl.json5"))
+    charts = _config({**_router([]), **_bounds(LARGEST)})
+    assert json.loads(config.get_json(key)) == json.loads(charts.get_json(key))
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from threading import Lock
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
@@ -22,10 +21,6 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
 
 
-MOST_WAITING = 32
-"""Questions to one policy that wait for the loop: who asks more often gets no answer, and delays no plan."""
-LARGEST_QUESTION = 4096
-"""Bytes that a question may carry: they are never read, and queued ones take memory."""
 
 
 def plan_key(namespace: str, name: str) -> str:
@@ -95,8 +90,6 @@ class Bus:
         operator that lost its Lease must be silent at once.
         """
         self._questions, self._signer, self._fence = questions, signer, fence
-        self._waiting, self._lock = 0, Lock()
-        """Questions that the loop has yet to answer."""
         self._namespace = policy.namespace
         self._key = key = plan_key(policy.namespace, policy.name)
         self._publisher = session.declare_publisher(
@@ -153,30 +146,10 @@ class Bus:
         """
 
         def reply(query: zenoh.Query) -> None:
-            with self._lock:
-                self._waiting -= 1
-            with query:
-                answer = content() if self._may_speak() else None
-                if answer is not None:
-                    payload = msgspec.json.encode(answer)
-                    signature = self._signature(payload) if key == self._key else None
-                    query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=signature)
+            answer = content() if self._may_speak() else None
+            if answer is not None:
+                payload = msgspec.json.encode(answer)
+                signature = self._signature(payload) if key == self._key else None
+                query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=signature)
 
-        def ask(query: zenoh.Query) -> None:
-            if self._admit(query):
-                self._questions.ask(lambda: reply(query))
-            else:
-                with query:  # that ends it
-                    pass
-
-        return directly(ask)
-
-    def _admit(self, query: zenoh.Query) -> bool:
-        """Whether a question may wait for the loop; called on a Zenoh thread."""
-        if query.payload is not None and len(query.payload) > LARGEST_QUESTION:
-            return False
-        with self._lock:
-            if self._waiting >= MOST_WAITING:
-                return False
-            self._waiting += 1
-        return True
+        return directly(lambda query: self._questions.ask(policy_of(key), query, reply))

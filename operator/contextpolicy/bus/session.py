@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from contextpolicy.bus.credentials import USERS, client_settings, router_settings, uplink_settings
-from contextpolicy.bus.roles import access_control, fleet_access_control
+from contextpolicy.bus.questions import LARGEST_QUESTION
+from contextpolicy.bus.roles import OWN, access_control, fleet_access_control
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -149,13 +150,18 @@ def _router(endpoints: Sequence[str]) -> dict[str, object]:
 
 def _bounds(largest: int) -> dict[str, object]:
     """The router drops what is larger, before it takes memory of those who listen."""
-    messages = ["put", "delete", "query", "reply"]
     latched = "**/@adv/**"  # which `**` leaves out
-    all_messages = {"id": "messages", "flows": ["ingress"], "messages": messages, "key_exprs": ["**", latched]}
-    agents = {**all_messages, "id": "agents", "key_exprs": ["contextpolicy/agents/**"]}
-    filters = [{**all_messages, "size_limit": largest}, {**agents, "size_limit": min(largest, LARGEST_WORD)}]
+    filters = [
+        _filter("messages", ["put", "delete", "query", "reply"], ["**", latched], largest),
+        _filter("agents", ["put", "delete", "reply"], [f"{OWN}/agents/**"], min(largest, LARGEST_WORD)),
+        _filter("questions", ["query"], [f"{OWN}/**"], min(largest, LARGEST_QUESTION)),
+    ]
     # The filter sees whole messages only: until then Zenoh would gather up to 1 GiB.
     return {"low_pass_filter": filters, "transport/link/rx/max_message_size": largest + HEADERS}
+
+
+def _filter(name: str, messages: list[str], keys: list[str], largest: int) -> dict[str, object]:
+    return {"id": name, "flows": ["ingress"], "messages": messages, "key_exprs": keys, "size_limit": largest}
 
 
 def _config(settings: dict[str, object]) -> zenoh.Config:
