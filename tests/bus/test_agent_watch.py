@@ -225,7 +225,7 @@ def test_a_frozen_agent_that_flaps_is_asked_one_question_at_a_time():
 
 def test_an_agent_that_ends_before_its_token_is_looked_for_is_given_up():
     class Session(FakeSession):
-        def get(self, selector, handler=None, *, timeout):
+        def get(self, selector, handler=None, *, timeout, **_):
             answers = super().get(selector, handler, timeout=timeout)
             self.agents.clear()
             return answers

@@ -19,7 +19,7 @@ class Session:
     def __init__(self):
         self.questions = []
 
-    def get(self, key, handler, *, timeout):
+    def get(self, key, handler, *, timeout, **_):
         assert timeout > 0
         self.questions.append((key, handler))
 

@@ -8,6 +8,7 @@ hides a plan nor delays it on the loop.
 from __future__ import annotations
 
 import json
+import math
 import time
 from threading import Lock
 from typing import TYPE_CHECKING, Protocol
@@ -18,6 +19,7 @@ from contextpolicy.agent.repetitions import Repetitions
 from contextpolicy.agent.retries import Retries
 from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of, usage_key
 from contextpolicy.bus.plan_message import LARGEST_PLAN
+from contextpolicy.bus.questions import Questions
 from contextpolicy.cluster.agent_reports import write_confirmation
 from contextpolicy.errors import OrderError
 from contextpolicy.streams.direct import directly
@@ -28,11 +30,15 @@ if TYPE_CHECKING:
 
     from reactivex import Observable
     from reactivex.abc import SchedulerBase
+    from zenoh.handlers import Callback
 
     from contextpolicy.bus.signatures import Verifier
     from contextpolicy.cluster.agent_reports import Confirmation
 
 PLANS = plan_key("*", "*")
+FRESH = 0.5
+"""Seconds for which it is not read again what the containers have used: that takes a file for each. Who watches asks
+once a second."""
 
 
 class PlanListener(Protocol):
@@ -78,16 +84,17 @@ class AgentBus:
         self._waiting: dict[str, tuple[bytes | None, int]] = {}
         self._too_old: dict[str, tuple[bytes | None, int]] = {}
         """The last message of each policy that was too old, while it waits for the loop: they may come as a flood."""
-        self._questions = Retries(scheduler, self)
+        self._unheard = Retries(scheduler, self)
         """Policies whose source has yet to say its plan."""
+        self._node, self._questions = node, Questions(scheduler)
         self._lock = Lock()
-        key = agent_key(node)
+        key, usage = agent_key(node), _Recent(listener.usage, scheduler)
         self._confirmed_key = confirmed_key(node)
         self._declared: list[Any] = [
             session.declare_subscriber(PLANS, directly(self._take)),
-            session.liveliness().declare_subscriber(PLANS, self._on_source, history=True),
+            session.liveliness().declare_subscriber(PLANS, directly(self._on_source), history=True),
             session.declare_queryable(key, self._answerer(key, listener.report)),
-            session.declare_queryable(usage_key(node), self._answerer(usage_key(node), listener.usage)),
+            session.declare_queryable(usage_key(node), self._answerer(usage_key(node), usage.now)),
             session.liveliness().declare_token(key),
         ]
         self._late = listener.late.subscribe(self._confirm)
@@ -95,7 +102,7 @@ class AgentBus:
     def close(self) -> None:
         """Leave the bus, the liveliness token first: the operator must stop relying on the agent before it is gone."""
         self._late.dispose()
-        self._later(self._questions.stop)
+        self._later(self._unheard.stop)
         for declared in reversed(self._declared):
             declared.undeclare()
 
@@ -109,15 +116,16 @@ class AgentBus:
 
     def on_retry(self, key: str) -> None:
         """The policy's source has said nothing: ask again, until a plan comes or the source is gone."""
-        self._session.get(plan_key(*key.split("/")), self._on_reply)
-        self._questions.again(key)
+        asked, drop = plan_key(*key.split("/")), zenoh.CongestionControl.DROP
+        self._session.get(asked, directly(self._on_reply), congestion_control=drop)
+        self._unheard.again(key)
 
     def _find(self, policy: str) -> None:
         self._listener.find_source(policy)
         self.on_retry(policy)
 
     def _lose(self, policy: str) -> None:
-        self._questions.end(policy)
+        self._unheard.end(policy)
         self._listener.lose_source(policy)
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
@@ -171,7 +179,7 @@ class AgentBus:
             more = bool(self._waiting)
         if more:
             self._later(self._drain)
-        self._questions.end(policy)
+        self._unheard.end(policy)
         confirmation = self._listener.hear(policy, payload, signed)
         if confirmation is not None:
             self._confirm(confirmation)
@@ -181,15 +189,31 @@ class AgentBus:
         said = write_confirmation(confirmation)
         self._session.put(self._confirmed_key, said, express=True, congestion_control=zenoh.CongestionControl.DROP)
 
-    def _answerer(self, key: str, content: Callable[[], dict[str, Any]]) -> Callable[[zenoh.Query], None]:
-        def answer(query: zenoh.Query) -> None:
-            with query:
-                query.reply(key, json.dumps(content()).encode(), encoding=zenoh.Encoding.APPLICATION_JSON)
+    def _answerer(self, key: str, content: Callable[[], dict[str, Any]]) -> Callback[zenoh.Query]:
+        """A query callback that answers from the loop, one question at a time, so that plans have their turn."""
 
-        return lambda query: self._later(lambda: answer(query))
+        def answer(query: zenoh.Query) -> None:
+            query.reply(key, json.dumps(content()).encode(), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        return directly(lambda query: self._questions.ask(self._node, query, answer))
 
     def _later(self, action: Callable[[], None]) -> None:
         def run(*_: object) -> None:
             action()
 
         self._scheduler.schedule(run)
+
+
+class _Recent:
+    """What `read` returned last, for FRESH; called on the loop's thread."""
+
+    def __init__(self, read: Callable[[], dict[str, Any]], scheduler: SchedulerBase) -> None:
+        self._read, self._scheduler = read, scheduler
+        self._last: dict[str, Any] = {}
+        self._read_at = -math.inf
+
+    def now(self) -> dict[str, Any]:
+        now = self._scheduler.to_seconds(self._scheduler.now)
+        if now - self._read_at >= FRESH:
+            self._last, self._read_at = self._read(), now
+        return self._last

@@ -249,7 +249,7 @@ class AgentWatch:
                 self._later(lambda: self._on_answer(node, report))
 
         ended = zenoh.handlers.Callback(on_reply, lambda: self._later(lambda: self._on_end(node, question)))
-        self._session.get(agent_key(node), ended, timeout=patience)
+        self._session.get(agent_key(node), ended, timeout=patience, congestion_control=zenoh.CongestionControl.DROP)
 
     def _on_answer(self, node: str, report: AgentReport) -> None:
         if self._owing.pop(node, None):

@@ -14,6 +14,7 @@ import zenoh
 
 from contextpolicy.bus.decision_bus import usage_key
 from contextpolicy.bus.session import LARGEST_WORD
+from contextpolicy.streams.direct import directly
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -65,7 +66,8 @@ class UsageWatch:
         now = self._now()
         if now - self._asked_at >= ASK_EVERY:
             self._asked_at = now
-            self._session.get(usage_key("*"), zenoh.handlers.Callback(self._on_reply), timeout=PATIENCE)
+            drop = zenoh.CongestionControl.DROP
+            self._session.get(usage_key("*"), directly(self._on_reply), timeout=PATIENCE, congestion_control=drop)
         self._usage = {container: usage for container, usage in self._usage.items() if now - usage.at < OLD}
         return self._usage
 

@@ -24,8 +24,12 @@ class Listener:
         self.events, self._changed = [], threading.Condition()
         self.late: Subject[Confirmation] = Subject()
         self.lacks = []
+        self.queries, self.answered = [], []
+        """Questions, and how many of them had an answer when a plan was heard."""
+        self.reads = 0
 
     def hear(self, policy, payload, signed):  # noqa: ARG002
+        self.answered.append(sum(bool(query.answers) for query in self.queries))
         self._note((policy, payload))
         return Confirmation(policy, STAMP, FAILED) if payload else None
 
@@ -42,6 +46,7 @@ class Listener:
         self._note((policy, "lost"))
 
     def usage(self):
+        self.reads += 1
         return {"at": 1.0, "containers": {}}
 
     def report(self):
@@ -81,7 +86,7 @@ class Asked(FakeSession):
         self.wait = scheduler.advance_by
         self.bus: Any = None
 
-    def get(self, selector, handler=None, *, timeout=10.0):  # noqa: ARG002
+    def get(self, selector, handler=None, *, timeout=10.0, **_):  # noqa: ARG002
         self.asked.append((selector, self._scheduler.clock))
 
     def put(self, key, payload, **more):

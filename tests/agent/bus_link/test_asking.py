@@ -13,7 +13,8 @@ from reactivex.testing import TestScheduler
 from contextpolicy.agent.bus_link import AgentBus
 from contextpolicy.bus import agent_watch as agents
 from contextpolicy.bus.agent_watch import AgentWatch
-from contextpolicy.bus.decision_bus import agent_key, plan_key
+from contextpolicy.bus.decision_bus import agent_key, plan_key, usage_key
+from contextpolicy.bus.questions import MOST_WAITING
 from contextpolicy.cluster.agent_reports import AgentReport
 from tests.agent.builders import NODE
 from tests.agent.bus_link.listening import KEY, POLICY, Asked, Listener
@@ -87,6 +88,33 @@ def test_closed_agent_asks_no_source(asked):
     asked.bus.close()
     asked.wait(1000)
     assert len(asked.asked) == 2
+
+
+@pytest.mark.parametrize("key", [agent_key(NODE), usage_key(NODE)], ids=["report", "usage"])
+def test_a_flood_of_questions_delays_no_plan(asked, listener, key):
+    """All were queued for the loop, whatever they carried: thousands before a plan, which then came too late."""
+    queries = [asked.ask(key) for _ in range(1000)]
+    listener.queries = queries
+    asked.bus._put(POLICY, b"plan", 1)
+    assert [query.ended for query in queries] == [False] * MOST_WAITING + [True] * (1000 - MOST_WAITING)
+    asked.wait(60)
+    assert listener.answered == [1]
+    assert [len(query.answers) for query in queries[:MOST_WAITING]] == [1] * MOST_WAITING
+
+
+@pytest.mark.parametrize("part", ["payload", "attachment"])
+def test_large_question_is_ended_at_once(asked, part):
+    assert asked.ask(agent_key(NODE), **{part: bytes(5000)}).ended
+
+
+def test_use_is_read_once_for_all_who_ask_at_once(asked, listener):
+    """It takes a file for each container."""
+    for reads in (1, 2):
+        queries = [asked.ask(usage_key(NODE)) for _ in range(MOST_WAITING)]
+        asked.wait(0.2)
+        assert all(query.answers for query in queries)
+        assert listener.reads == reads
+        asked.wait(1.0)
 
 
 def test_newest_signed_of_waiting_plans_wins(bus, scheduler, listener):
