@@ -13,6 +13,7 @@ from contextpolicy.cluster.agent_reports import (
     ALL,
     MOST_BYTES,
     MOST_NAMED,
+    MOST_REASON,
     MOST_TEXT,
     NO_AGENT,
     UNREADABLE,
@@ -127,6 +128,16 @@ def test_confirmation_with_too_many_failures_reports_all(number, named):
     assert said is not None
     assert (len(said.failed), ALL in said.failed) == (named, named == 1)
     assert len(payload) < 12_000
+
+
+def test_confirmation_that_no_agent_writes_is_bounded():
+    """What fails is logged, and kept until the next plan."""
+    said = {"policy": "lab/robot", "stamp": [1, 2, 3], "failed": {"containerd://a": "x" * 1000}}
+    read = read_confirmation(json.dumps(said).encode())
+    assert read is not None
+    assert read.failed == {"containerd://a": "x" * MOST_REASON}
+    many = {**said, "failed": dict.fromkeys(map(str, range(MOST_NAMED + 1)), "Busy")}
+    assert read_confirmation(json.dumps(many).encode()) is None
 
 
 def test_failed_containers_are_matched_by_node_and_container_id():

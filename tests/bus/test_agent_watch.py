@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 import pytest
 from reactivex.testing import TestScheduler
 
+from contextpolicy.bus.agent_failures import MOST_LINES, REST, AgentFailures
 from contextpolicy.bus.agent_watch import BOUND, LONG_PATIENCE, PAUSE, RETURN, AgentWatch
+<<<<<<< HEAD
 from contextpolicy.bus.doubts import FIRST, LONGEST
+=======
+from contextpolicy.bus.confirmations import MOST_WAITING, Confirmations
+>>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
 from contextpolicy.cluster.agent_reports import NO_ANSWER, NOT_CONFIRMING, AgentReport, Confirmation, write_confirmation
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE
@@ -68,9 +74,13 @@ class Bus:
         self.scheduler.advance_by(0.01)
 
     def confirm(self, *stamp, policy="lab/robot", failed=()):
+        self.deliver(*stamp, policy=policy, failed=failed)
+        self.scheduler.advance_by(0.01)
+
+    def deliver(self, *stamp, policy="lab/robot", failed=()):
+        """A confirmation arrives, and waits for the loop."""
         said = write_confirmation(Confirmation(policy, stamp, dict.fromkeys(failed, "Busy")))
         self.session.deliver_bytes("contextpolicy/agents/*/confirmed", said, f"contextpolicy/agents/{NODE}/confirmed")
-        self.scheduler.advance_by(0.01)
 
     def time_out(self):
         """Nobody answers in time."""
@@ -467,9 +477,57 @@ def test_failures_are_kept_until_a_plan_succeeds(bus):
         bus.watch.expect("lab/robot", (1, sequence, 0), [NODE])
         bus.confirm(1, sequence, 0, failed=failed)
         assert bus.watch.failures("lab/robot") == ({NODE: dict.fromkeys(failed, "Busy")} if failed else {})
+        bus.turn(REST)
     assert len(bus.changes) == 3, "the second plan changed nothing"
     bus.turn(2 * BOUND)
     assert bus.watch.reports == {NODE: FAIR}
+
+
+def test_only_the_newest_confirmation_of_a_policy_waits_for_the_loop(bus):
+    """All were queued: an agent's certificate was enough to fill the operator's memory."""
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    for sequence in (*range(1000), 3):
+        bus.deliver(1, sequence, 0)
+    bus.turn()
+    assert bus.confirmations == [(NODE, Confirmation("lab/robot", (1, 999, 0)))]
+
+
+def test_confirmations_about_unknown_policies_take_few_places():
+    heard: list[str] = []
+    listener, loop = SimpleNamespace(on_confirmed=lambda _, said: heard.append(said.policy)), TestScheduler()
+    confirmations = Confirmations(loop, listener, {NODE}, {"lab/robot"})
+    session = FakeSession()
+    session.declare_subscriber("contextpolicy/agents/*/confirmed", confirmations.on_sample)
+    for policy in (*(f"lab/unknown-{number}" for number in range(2 * MOST_WAITING)), "lab/robot"):
+        said = write_confirmation(Confirmation(policy, (1, 1, 1)))
+        session.deliver_bytes("contextpolicy/agents/*/confirmed", said, f"contextpolicy/agents/{NODE}/confirmed")
+    loop.advance_by(1.0)
+    assert (len(heard), heard[-1]) == (MOST_WAITING + 1, "lab/robot")
+
+
+def test_failures_that_change_without_pause_are_reported_at_times(bus, caplog):
+    """Each change makes all policies' claims anew."""
+    bus.watch.expect("lab/robot", (1, 0, 0), [NODE])
+    for sequence in range(100):
+        bus.confirm(1, sequence, 0, failed=[f"containerd://{sequence}"])
+    bus.turn(REST)
+    assert 1 < len(bus.changes) <= 100 * 0.02 / REST + 2
+    assert len(caplog.messages) == len(bus.changes)
+    before = len(bus.changes)
+    bus.confirm(1, 100, 0)
+    bus.turn(REST)
+    assert (len(bus.changes), bus.watch.failures("lab/robot")) == (before + 1, {})
+
+
+def test_log_of_failures_is_bounded(caplog):
+    listener = SimpleNamespace(on_agents=lambda: None)
+    failures = AgentFailures(scheduler := TestScheduler(), listener)
+    for node in range(100):
+        named = {f"containerd://{n}": f"{n:064}" for n in range(100)}
+        failures.take(f"node-{node}", Confirmation("lab/robot", (1, 1, 1), named))
+    scheduler.advance_by(10 * REST)
+    assert len(caplog.messages) == 1 + MOST_LINES + 1
+    assert max(map(len, caplog.messages)) < 500
 
 
 def test_a_confirmation_for_a_withdrawn_plan_is_ignored(bus):

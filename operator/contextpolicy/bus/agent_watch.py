@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import zenoh
 
+<<<<<<< HEAD
 from contextpolicy.bus.decision_bus import agent_key, confirmed_key
 from contextpolicy.bus.doubts import Doubts
 from contextpolicy.bus.unconfirmed import Unconfirmed
@@ -20,6 +21,13 @@ from contextpolicy.cluster.agent_reports import (
     read_confirmation,
     read_report,
 )
+=======
+from contextpolicy.bus.agent_failures import AgentFailures
+from contextpolicy.bus.confirmations import Confirmations
+from contextpolicy.bus.decision_bus import agent_key, confirmed_key, node_of
+from contextpolicy.cluster.agent_reports import LATE, NO_ANSWER, NOT_CONFIRMING, AgentReport, read_report
+from contextpolicy.streams.direct import directly
+>>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -87,17 +95,23 @@ class AgentWatch:
         self._missed: dict[str, DisposableBase] = {}
         self._planned: set[str] = set()
         """The policies that have a source of plans."""
+<<<<<<< HEAD
         self._unconfirmed, self._doubts = Unconfirmed(scheduler, self), Doubts()
         self._trials: dict[str, AgentReport] = {}
         """The reports of agents that have yet to confirm a plan before they are counted on."""
         self._proven: set[str] = set()
         """The nodes whose agent has confirmed a plan since it came up."""
         self._failed: dict[tuple[str, str], Mapping[str, str]] = {}
+=======
+        self._unconfirmed: dict[tuple[str, str], _Unconfirmed] = {}
+        self._failures = AgentFailures(scheduler, listener)
+        confirmations = Confirmations(scheduler, self, nodes, self._planned)
+>>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
         for node in self.reports:
             self._later(partial(self._miss, node))  # until its token is seen: it may have ended since it answered
         self._subscribers: list[Any] = [
-            session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True),
-            session.declare_subscriber(confirmed_key("*"), self._on_confirmation),
+            session.liveliness().declare_subscriber(agent_key("*"), directly(self._on_token), history=True),
+            session.declare_subscriber(confirmed_key("*"), directly(confirmations.on_sample)),
         ]
 
     def close(self) -> None:
@@ -107,7 +121,7 @@ class AgentWatch:
 
     def look(self, node: str) -> None:
         """The cluster has this node now: its agent may live already."""
-        self._session.liveliness().get(agent_key(node), zenoh.handlers.Callback(self._on_found), timeout=LONG_PATIENCE)
+        self._session.liveliness().get(agent_key(node), directly(self._on_found), timeout=LONG_PATIENCE)
 
     def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str], standstill: float = 0.0) -> None:
         """A plan was published: each capable agent on `nodes` must confirm it, or a later plan, within BOUND.
@@ -122,30 +136,36 @@ class AgentWatch:
 
     def failures(self, policy: str) -> dict[str, Mapping[str, str]]:
         """By node, the containers (ID) to which its agent could not give what the policy's last plan says, and why."""
-        return {node: failed for (node, other), failed in self._failed.items() if other == policy}
+        return self._failures.of(policy)
 
     def forget(self, policy: str) -> None:
         """Expect no more confirmations for this policy: its source of plans is gone."""
         self._planned.discard(policy)
+<<<<<<< HEAD
         self._failed = {key: failed for key, failed in self._failed.items() if key[1] != policy}
         self._unconfirmed.forget(policy)
         self._later(self._end_trials)  # not at once: the policy's next version may be about to publish
+=======
+        self._failures.forget(policy)
+        for node, other in [key for key in self._unconfirmed if key[1] == policy]:
+            self._unconfirmed.pop((node, other)).timer.dispose()
 
-    def _on_confirmation(self, sample: zenoh.Sample) -> None:
-        node, said = str(sample.key_expr).split("/")[2], read_confirmation(sample.payload.to_bytes())
-        if said is not None:
-            self._later(lambda: self._confirmed(node, said))
+    def _arm(self, node: str, policy: str, bound: float) -> DisposableBase:
+        return self._scheduler.schedule_relative(bound, lambda *_: self._doubt(node, policy))
+>>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
 
-    def _confirmed(self, node: str, said: Confirmation) -> None:
+    def on_confirmed(self, node: str, said: Confirmation) -> None:
+        """Count on the node's agent, but for the containers that failed."""
         # The policy may have been forgotten while this was on its way.
         if said.policy not in self._planned or node not in self._nodes:
             return
-        self._take_failures(node, said)
+        self._failures.take(node, said)
         self._listener.on_confirmation(node, said)
         self._proven.add(node)
         self._unconfirmed.confirm(node, said.policy, said.stamp)
         self._end_trial(node)
 
+<<<<<<< HEAD
     def _take_failures(self, node: str, said: Confirmation) -> None:
         """What failed last is what counts: the agent tries again with each plan."""
         before = self._failed.pop((node, said.policy), {})
@@ -161,6 +181,12 @@ class AgentWatch:
         if self._trials.pop(node, None) is None and (
             node not in self.reports or node in self._missed or node in self._owing
         ):
+=======
+    def _doubt(self, node: str, policy: str) -> None:
+        """Stop counting on the node's agent; after RETURN it is asked again what it can do, until it answers."""
+        del self._unconfirmed[node, policy]
+        if node not in self.reports or node in self._missed or node in self._owing:
+>>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
             return
         log.warning("node %s: %s", node, LATE)
         self._proven.discard(node)
@@ -196,14 +222,17 @@ class AgentWatch:
             self._end_trial(node)
 
     def _ask_all(self) -> Iterator[tuple[str, AgentReport]]:
-        for reply in self._session.get(agent_key("*"), timeout=PATIENCE):
+        # Else Zenoh keeps all answers until the last has come.
+        at_once = zenoh.ConsolidationMode.NONE
+        for reply in self._session.get(agent_key("*"), timeout=PATIENCE, consolidation=at_once):
             if reply.ok:
-                yield _node(reply.ok.key_expr), read_report(reply.ok.payload.to_bytes())
+                yield node_of(str(reply.ok.key_expr)), read_report(reply.ok.payload.to_bytes())
 
     def _on_token(self, token: zenoh.Sample) -> None:
         """Zenoh's callbacks must not call Zenoh."""
-        node, lives = _node(token.key_expr), token.kind == zenoh.SampleKind.PUT
-        self._later(lambda: self._lives(node) if lives else self._miss(node))
+        node, lives = node_of(str(token.key_expr)), token.kind == zenoh.SampleKind.PUT
+        if node in self._nodes or node in self.reports:
+            self._later(lambda: self._lives(node) if lives else self._miss(node))
 
     def _on_found(self, reply: zenoh.Reply) -> None:
         if reply.ok:
@@ -248,7 +277,10 @@ class AgentWatch:
                 report = read_report(reply.ok.payload.to_bytes())
                 self._later(lambda: self._on_answer(node, report))
 
-        ended = zenoh.handlers.Callback(on_reply, lambda: self._later(lambda: self._on_end(node, question)))
+        def on_end() -> None:
+            self._later(lambda: self._on_end(node, question))
+
+        ended = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
         self._session.get(agent_key(node), ended, timeout=patience, congestion_control=zenoh.CongestionControl.DROP)
 
     def _on_answer(self, node: str, report: AgentReport) -> None:
@@ -277,7 +309,7 @@ class AgentWatch:
         before = dict(self.reports)
         if report is None:
             self.reports.pop(node, None)
-            self._failed = {key: failed for key, failed in self._failed.items() if key[0] != node}
+            self._failures.forget_node(node)
         else:
             self.reports[node] = report
             self.gone.discard(node)
@@ -291,6 +323,7 @@ class AgentWatch:
         self._scheduler.schedule(lambda *_: action())
 
 
+<<<<<<< HEAD
 def _acts(report: AgentReport) -> bool:
     """Whether an agent carries out anything: `limits` and `realtime` hold what it lacks."""
     return not (report.limits and report.realtime)
@@ -298,3 +331,14 @@ def _acts(report: AgentReport) -> bool:
 
 def _node(key: zenoh.KeyExpr) -> str:
     return str(key).rpartition("/")[2]
+=======
+@dataclass(slots=True)
+class _Unconfirmed:
+    """The first and the last plan of a policy that a node's agent has yet to confirm."""
+
+    first: Stamp
+    last: Stamp
+    bound: float
+    """Seconds that the agent has."""
+    timer: DisposableBase
+>>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)

@@ -33,6 +33,11 @@ def policy_of(key: str) -> str:
     return "/".join(key.split("/")[1:3])
 
 
+def node_of(key: str) -> str:
+    """The node that an agent's key belongs to, empty if it is none."""
+    return "".join(key.split("/")[2:3])
+
+
 def agent_key(node: str) -> str:
     """The key of a node's agent: a liveliness token while it lives, and a queryable for what the node can do."""
     return f"contextpolicy/agents/{node}"

@@ -8,11 +8,12 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from contextpolicy.bus.decision_bus import usage_key
+from contextpolicy.bus.decision_bus import node_of, usage_key
 from contextpolicy.bus.session import LARGEST_WORD
 from contextpolicy.streams.direct import directly
 
@@ -60,22 +61,40 @@ class UsageWatch:
         self._last: dict[str, tuple[float, Counters]] = {}
         """Each container's latest counters, and when they came, by the loop's clock."""
         self._usage: dict[str, Usage] = {}
+        self._waiting: dict[str, bytes] = {}
+        """The newest answer of each node that waits for the loop."""
+        self._lock = Lock()
 
     def now(self) -> Mapping[str, Usage]:
         """The latest usage by container ID; queries the agents again, for the next call."""
         now = self._now()
         if now - self._asked_at >= ASK_EVERY:
             self._asked_at = now
-            drop = zenoh.CongestionControl.DROP
-            self._session.get(usage_key("*"), directly(self._on_reply), timeout=PATIENCE, congestion_control=drop)
+            # Else Zenoh keeps all answers until the last has come; nor may we wait for room on a congested link.
+            at_once, drop = zenoh.ConsolidationMode.NONE, zenoh.CongestionControl.DROP
+            how: Any = {"timeout": PATIENCE, "consolidation": at_once, "congestion_control": drop}
+            self._session.get(usage_key("*"), directly(self._on_reply), **how)
         self._usage = {container: usage for container, usage in self._usage.items() if now - usage.at < OLD}
         return self._usage
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
-        """Zenoh's callbacks must not block."""
-        if reply.ok and len(reply.ok.payload) <= LARGEST_WORD:
-            node, payload = str(reply.ok.key_expr).split("/")[2], reply.ok.payload.to_bytes()
-            self._scheduler.schedule(lambda *_: self._take(payload) if node in self._nodes else None)
+        """Called on a Zenoh thread, which must not block."""
+        if not reply.ok or len(reply.ok.payload) > LARGEST_WORD:
+            return
+        node = node_of(str(reply.ok.key_expr))
+        if node not in self._nodes:
+            return
+        with self._lock:
+            asleep = not self._waiting
+            self._waiting[node] = reply.ok.payload.to_bytes()
+        if asleep:
+            self._scheduler.schedule(self._drain)
+
+    def _drain(self, *_: object) -> None:
+        with self._lock:
+            answers, self._waiting = self._waiting, {}
+        for payload in answers.values():
+            self._take(payload)
 
     def _take(self, payload: bytes) -> None:
         now = self._now()

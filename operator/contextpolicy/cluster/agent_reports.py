@@ -56,6 +56,8 @@ MOST_TEXT = 500
 """Characters kept of each text in a report."""
 MOST_NAMED = 100
 """Containers that a confirmation names at most, in some 10 kB."""
+MOST_REASON = 64
+"""Characters kept of why a container failed: it is one word."""
 ALL = "*"
 """Stands for all containers where too many failed to name each."""
 
@@ -80,8 +82,9 @@ def read_confirmation(payload: bytes) -> Confirmation | None:
     try:
         said = json.loads(_bounded(payload))
         run, sequence, edition = (int(number) for number in said["stamp"])
-        failed = {str(container): str(reason) for container, reason in said.get("failed", {}).items()}
-        return Confirmation(str(said["policy"]), (run, sequence, edition), failed)
+        failed = {str(container): str(reason)[:MOST_REASON] for container, reason in said.get("failed", {}).items()}
+        policy = str(said["policy"])[:MOST_TEXT]
+        return Confirmation(policy, (run, sequence, edition), failed) if len(failed) <= MOST_NAMED else None
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         return None
 
