@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from contextpolicy.policy import key_chunks
 from contextpolicy.policy.key_chunks import matched
 
 
@@ -16,10 +17,41 @@ from contextpolicy.policy.key_chunks import matched
         ("robot/**/lift", "robot/a/b/lift", "a/b"),
         ("**/lift/*", "a/lift/lift/left", "a/lift/left"),
         ("**", "a/b", "a/b"),
+        ("**/a/**/b", "x/a/a/b", "x/a"),
+        ("**/a/**/a/**", "a/x/a/y/a", "x/y/a"),
+        ("a/**/@adv/*/**", "a/b/@adv/pub/1", "b/pub/1"),
         ("lift/left", "lift/left", ""),
+        ("arm$*/joint", "arm7/joint", "arm7"),
+        ("$*arm$*left$*/joint", "an-arm-left/joint", "an-arm-left"),
+        ("a$*b$*a/x", "aba/x", "aba"),
+        ("a$*a/x", "a/x", "a/x"),
+        ("a$*b$*b/x", "ab/x", "ab/x"),
+        ("a$*b$*b$*/x", "acb/x", "acb/x"),
+        ("*/x", "@private/x", "@private/x"),
+        ("lift/*/**", "lift", "lift"),
+        ("**/a/**/a", "a", "a"),
+        ("**/a/**/b/**", "a/c", "a/c"),
         ("lift/*", "elsewhere/left", "elsewhere/left"),
         ("lift/*", "lift/left/top", "lift/left/top"),
     ],
 )
 def test_chunks_matched_by_wildcards(expression, key, expected):
     assert matched(expression, key) == expected
+
+
+@pytest.mark.parametrize(
+    ("expression", "key"),
+    [
+        ("lab/" + "**/a/" * 6 + "**/b", "lab/" + "a/" * 60 + "b"),
+        ("lab/" + "**/a/" * 6 + "**/b/**", "lab/" + "a/" * 60 + "c"),
+        ("**/b", "a/" * 30_000 + "c"),
+        ("**/b/**", "a/" * 30_000 + "c"),
+    ],
+)
+def test_a_long_key_is_compared_once(monkeypatch, expression, key):
+    """Every way to divide the key among the wildcards was tried: one sample held the operator up for seconds."""
+    compared = []
+    selects = key_chunks._selects
+    monkeypatch.setattr(key_chunks, "_selects", lambda *chunks: compared.append(chunks) or selects(*chunks))
+    key_chunks._match(expression.split("/"), key.split("/"))
+    assert len(compared) <= key.count("/") + expression.count("/")

@@ -16,7 +16,7 @@ from contextpolicy.policy.stream_spec import Encoding, Stream
 from contextpolicy.streams.attachment import attach
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
 from contextpolicy.streams.decoding import MAX_PAYLOAD
-from contextpolicy.streams.subscription import inputs
+from contextpolicy.streams.subscription import LONGEST_KEY, inputs
 from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
 from tests.streams.heard import IMU, MIC, Heard
@@ -116,6 +116,15 @@ def test_a_payload_that_is_too_large_is_counted_before_it_is_kept(listen, publis
     heard.wait_for(lambda h: len(h.inputs) == 2)
     assert heard.values() == [{"n": 1}, {"n": 2}]
     heard.wait_for(lambda h: h.drops == [("imu", "oversized")])
+
+
+def test_a_key_that_is_too_long_is_counted_before_it_is_kept(listen, publish, mic):
+    """To find a source's name in one of 60 kB held the operator up, for seconds with every sample."""
+    heard = listen(mic)
+    for size in (LONGEST_KEY + 1, LONGEST_KEY):
+        publish(mic.key.replace("*", "x" * (size - len(mic.key) + 1)), "{}")
+    heard.wait_for(lambda h: h.inputs and h.drops == [("mic", "oversized")])
+    assert [len(sample.key) for sample in heard.inputs] == [LONGEST_KEY]
 
 
 def test_a_deletion_is_not_a_sample(listen, robot_and_operator, publish, imu):

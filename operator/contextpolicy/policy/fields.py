@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from contextpolicy.errors import Finding
 from contextpolicy.policy import quantities
-from contextpolicy.policy.key_expressions import refusal
+from contextpolicy.policy.key_expressions import excess, refusal
 from contextpolicy.policy.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Fields:
     def key_expression(self, name: str) -> str:
         """A required Zenoh key expression."""
         value = self.text(name, allowed=KEY_ALLOWED, pattern=r"(?s).{1,256}")
-        reason = refusal(value) if value else ""
+        reason = (refusal(value) or excess(value)) if value else ""
         if reason:
             self.refuse(name, value, f"{KEY_ALLOWED}; {reason}")
         return value

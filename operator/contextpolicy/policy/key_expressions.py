@@ -27,3 +27,12 @@ def refusal(expression: str) -> str:
     except UnicodeEncodeError:
         return "it has characters that UTF-8 can't encode"
     return ""
+
+
+def excess(expression: str) -> str:
+    """Why a policy can't have the expression, although Zenoh does; empty when it can.
+
+    Zenoh tries every way to divide a key among several `**`, so that one long key, which any sender may choose, would
+    keep it busy for good.
+    """
+    return "`**` may occur once" if expression.split("/").count("**") > 1 else ""

@@ -37,6 +37,8 @@ _Arrived: TypeAlias = tuple[Decoder, bytes, bytes, str, float]
 Waiting: TypeAlias = _Arrived | Gone
 """What waits for the loop."""
 
+LONGEST_KEY = 1024
+"""Characters of a sample's key; those of ROS 2 have some 200, but any sender may choose one of 64 kB."""
 BATCH = 100
 """Samples taken in a row; then timers and finished patches get their turn, however fast samples come."""
 
@@ -82,11 +84,11 @@ def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Call
     def on_sample(sample: zenoh.Sample) -> None:
         attached = sample.attachment if decoder.reads_attachment else None
         size = len(sample.payload) + (0 if attached is None else len(attached))
+        key = str(sample.key_expr) if wild else ""
         # Before anything is copied: samples that are never read must not take memory either.
-        if size > MAX_PAYLOAD:
+        if size > MAX_PAYLOAD or len(key) > LONGEST_KEY:
             inbox.refuse(stream.name)
         elif size or sample.kind == zenoh.SampleKind.PUT:  # a deletion has no payload
-            key = str(sample.key_expr) if wild else ""
             attachment = b"" if attached is None else attached.to_bytes()
             inbox.put(lane, decoder, sample.payload.to_bytes(), attachment, key)
 
