@@ -161,7 +161,7 @@ class FakeSession:
     def deliver_bytes(self, key: str, payload: bytes, of: str = "") -> None:
         """A sample arrives, whatever is in it; `of` is its own key where the subscriber's has wildcards."""
         sample = SimpleNamespace(
-            kind=zenoh.SampleKind.PUT, payload=_payload(payload), key_expr=of or key, attachment=None
+            kind=zenoh.SampleKind.PUT, payload=_payload(payload), key_expr=of or key, attachment=None, timestamp=None
         )
         for subscriber in [one for one in self.subscribers if one.key == key]:
             if subscriber.callback is not None:
@@ -214,7 +214,8 @@ class FakeSession:
                 watcher.callback(_token(node, kind))
 
     def _asked(self, selector: str) -> list[str]:
-        return [node for node in self.agents if _meet(selector, agent_key(node))]
+        key, *_ = selector.split("?")
+        return [node for node in self.agents if _meet(key, agent_key(node))]
 
     def _answers(self, selector: str) -> list[Any]:
         reports = {node: report for node in self._asked(selector) if (report := self.agents[node]) is not None}

@@ -6,7 +6,6 @@ import builtins
 import json
 
 import pytest
-import zenoh.ext
 
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.streams.ros_message import RosMessage
@@ -19,10 +18,7 @@ DEFINITION = {"my_msgs.msg.Mood.msg": "bool glad", "README.md": "the robot's own
 
 
 @pytest.fixture
-def operator(operator, monkeypatch):
-    """The fake session also takes those who ask for what was published before."""
-    listen = lambda session, key, callback, **_: session.declare_subscriber(key, callback)  # noqa: E731
-    monkeypatch.setattr(zenoh.ext, "declare_advanced_subscriber", listen)
+def operator(operator):
     operator.list_all()
     operator.connect()
     return operator

@@ -10,6 +10,7 @@ import pytest
 import zenoh
 import zenoh.ext
 
+from contextpolicy.bus.session import RETRY
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.policy.stream_spec import Encoding, Stream
@@ -196,6 +197,34 @@ def test_a_latched_topic_reaches_late_subscribers(listen, robot_and_operator, mi
     heard.wait_for(lambda h: h.values("mission")[-1:] == [{"data": 8}])
     publisher.undeclare()
     assert heard.values("mission")[-2:] == [{"data": 7}, {"data": 8}]
+
+
+def test_a_latched_topic_from_before_its_publisher_was_within_reach_is_heard(loop, mission):
+    endpoint, heard = f"tcp/127.0.0.1:{free_port()}", Heard()
+    alone = {"connect/endpoints": [endpoint], "listen/endpoints": [], "connect/retry": RETRY}
+    with open_session(**alone, **{"timestamping/enabled": True}) as robot:
+        publisher = latched(robot, mission)
+        publisher.put(int32(7))
+        with open_session(**{"listen/endpoints": [endpoint]}) as operator:
+            source = inputs(operator, [mission], loop, heard, backlog=Backlog(PER_STREAM, TOTAL))
+            listening = source.subscribe(heard.on_next)
+            heard.wait_for(lambda h: h.values("mission") == [{"data": 7}])
+            listening.dispose()
+        publisher.undeclare()
+
+
+def test_a_sender_that_names_another_hides_none_of_its_samples(listen, robot_and_operator, mission):
+    """A high number in its name made Zenoh's subscriber drop all that came from the other."""
+    heard, robot = listen(mission), robot_and_operator[0]
+    publisher = robot.declare_publisher(
+        mission.key.replace("*", "hash"), congestion_control=zenoh.CongestionControl.BLOCK
+    )
+    Matching(publisher).wait(expected=True)
+    for number in (2**31, 1, 2):
+        publisher.put(int32(number % 100), source_info=zenoh.SourceInfo(publisher.id, number))
+    heard.wait_for(lambda h: len(h.inputs) == 3)
+    publisher.undeclare()
+    assert heard.values("mission") == [{"data": 48}, {"data": 1}, {"data": 2}]
 
 
 def test_a_type_without_a_header_has_the_time_of_its_publication(listen, robot_and_operator, mission):

@@ -8,7 +8,6 @@ from threading import Lock
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import zenoh
-import zenoh.ext
 from reactivex import Observable
 from reactivex.disposable import CompositeDisposable, Disposable
 
@@ -18,6 +17,7 @@ from contextpolicy.planning.inputs import Gone
 from contextpolicy.policy.stream_spec import Encoding
 from contextpolicy.streams.decoding import MAX_PAYLOAD, Decoder
 from contextpolicy.streams.direct import directly
+from contextpolicy.streams.latched import subscribe_latched
 from contextpolicy.streams.senders import follow_senders
 from contextpolicy.streams.wall_clock import STEP, ahead
 
@@ -25,13 +25,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
-    from zenoh.handlers import Callback
-
     from contextpolicy.planning.inputs import Input
     from contextpolicy.policy.stream_spec import Stream
     from contextpolicy.streams.backlog import Backlog, Lane
 
-Handler: TypeAlias = "Callback[zenoh.Sample]"
 _Arrived: TypeAlias = tuple[Decoder, bytes, bytes, str, float]
 """A payload with its attachment, its key where the stream's has wildcards, and the monotonic time of its arrival."""
 Waiting: TypeAlias = _Arrived | Gone
@@ -71,14 +68,16 @@ def inputs(
 
     def subscribe(observer: ObserverBase[Input], _: SchedulerBase | None = None) -> DisposableBase:
         inbox = _Inbox(observer, scheduler, backlog, listener)
-        declared = [_declare(session, stream, inbox) for stream in streams]
+        declared = [_declare(session, stream, inbox, scheduler) for stream in streams]
         undone = [Disposable(undeclare) for own in declared for undeclare in own]
         return CompositeDisposable(*undone, Disposable(inbox.close))
 
     return Observable(subscribe)
 
 
-def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Callable[[], None]]:
+def _declare(
+    session: zenoh.Session, stream: Stream, inbox: _Inbox, scheduler: SchedulerBase
+) -> list[Callable[[], None]]:
     decoder, wild, lane = Decoder(stream), "*" in stream.key, inbox.lane(stream.name)
 
     def on_sample(sample: zenoh.Sample) -> None:
@@ -92,7 +91,11 @@ def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Call
             attachment = b"" if attached is None else attached.to_bytes()
             inbox.put(lane, decoder, sample.payload.to_bytes(), attachment, key)
 
-    declared: list[Callable[[], None]] = [_subscribe(session, stream, directly(on_sample))]
+    # ROS 2 has latched topics.
+    if stream.encoding is Encoding.CDR:
+        declared = [subscribe_latched(session, stream.key, on_sample, scheduler)]
+    else:
+        declared = [session.declare_subscriber(stream.key, directly(on_sample)).undeclare]
     if stream.liveliness is not None:
         declared.append(follow_senders(session, stream.liveliness, _Ended(inbox, lane, stream.name)))
     return declared
@@ -107,18 +110,6 @@ class _Ended:
     def on_gone(self) -> None:
         """Behind the samples that came before."""
         self._inbox.put_gone(self._lane, self._stream)
-
-
-def _subscribe(session: zenoh.Session, stream: Stream, on_sample: Handler) -> Callable[[], None]:
-    """Subscribe; call the result to undo it.
-
-    Publishers of latched ROS 2 topics (transient_local) may publish once and keep that sample for late subscribers:
-    rmw_zenoh serves it to Zenoh's advanced subscribers. Live samples do not wait for it.
-    """
-    if stream.encoding is not Encoding.CDR:
-        return session.declare_subscriber(stream.key, on_sample).undeclare
-    last = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
-    return zenoh.ext.declare_advanced_subscriber(session, stream.key, on_sample, history=last).undeclare
 
 
 class _Inbox:
