@@ -11,11 +11,8 @@ from reactivex.testing import TestScheduler
 
 from contextpolicy.bus.agent_failures import MOST_LINES, REST, AgentFailures
 from contextpolicy.bus.agent_watch import BOUND, LONG_PATIENCE, PAUSE, RETURN, AgentWatch
-<<<<<<< HEAD
-from contextpolicy.bus.doubts import FIRST, LONGEST
-=======
 from contextpolicy.bus.confirmations import MOST_WAITING, Confirmations
->>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
+from contextpolicy.bus.doubts import FIRST, LONGEST
 from contextpolicy.cluster.agent_reports import NO_ANSWER, NOT_CONFIRMING, AgentReport, Confirmation, write_confirmation
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE

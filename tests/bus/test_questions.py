@@ -81,8 +81,7 @@ def test_each_policy_has_its_own_places(loop):
 @pytest.mark.parametrize("part", ["payload", "attachment", "parameters"])
 def test_large_question_is_ended_at_once_whatever_its_size_is_made_of(loop, part):
     """Attachments and parameters of any size were kept until the answer: 32 for each policy, of 8 MiB."""
-    questions, kind = slow(loop), str if part == "parameters" else bytes
-    fill = {str: "x", bytes: b"x"}[kind]
+    questions, fill = slow(loop), cast("Any", "x" if part == "parameters" else b"x")
     small, large = (ask(questions, nothing, **{part: fill * size}) for size in (LARGEST_QUESTION, LARGEST_QUESTION + 1))
     assert (small.ended, large.ended) == (False, True)
 

@@ -9,25 +9,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import zenoh
 
-<<<<<<< HEAD
-from contextpolicy.bus.decision_bus import agent_key, confirmed_key
-from contextpolicy.bus.doubts import Doubts
-from contextpolicy.bus.unconfirmed import Unconfirmed
-from contextpolicy.cluster.agent_reports import (
-    LATE,
-    NO_ANSWER,
-    NOT_CONFIRMING,
-    AgentReport,
-    read_confirmation,
-    read_report,
-)
-=======
 from contextpolicy.bus.agent_failures import AgentFailures
 from contextpolicy.bus.confirmations import Confirmations
 from contextpolicy.bus.decision_bus import agent_key, confirmed_key, node_of
+from contextpolicy.bus.doubts import Doubts
+from contextpolicy.bus.unconfirmed import Unconfirmed
 from contextpolicy.cluster.agent_reports import LATE, NO_ANSWER, NOT_CONFIRMING, AgentReport, read_report
 from contextpolicy.streams.direct import directly
->>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -95,18 +83,13 @@ class AgentWatch:
         self._missed: dict[str, DisposableBase] = {}
         self._planned: set[str] = set()
         """The policies that have a source of plans."""
-<<<<<<< HEAD
         self._unconfirmed, self._doubts = Unconfirmed(scheduler, self), Doubts()
         self._trials: dict[str, AgentReport] = {}
         """The reports of agents that have yet to confirm a plan before they are counted on."""
         self._proven: set[str] = set()
         """The nodes whose agent has confirmed a plan since it came up."""
-        self._failed: dict[tuple[str, str], Mapping[str, str]] = {}
-=======
-        self._unconfirmed: dict[tuple[str, str], _Unconfirmed] = {}
         self._failures = AgentFailures(scheduler, listener)
         confirmations = Confirmations(scheduler, self, nodes, self._planned)
->>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
         for node in self.reports:
             self._later(partial(self._miss, node))  # until its token is seen: it may have ended since it answered
         self._subscribers: list[Any] = [
@@ -141,18 +124,9 @@ class AgentWatch:
     def forget(self, policy: str) -> None:
         """Expect no more confirmations for this policy: its source of plans is gone."""
         self._planned.discard(policy)
-<<<<<<< HEAD
-        self._failed = {key: failed for key, failed in self._failed.items() if key[1] != policy}
+        self._failures.forget(policy)
         self._unconfirmed.forget(policy)
         self._later(self._end_trials)  # not at once: the policy's next version may be about to publish
-=======
-        self._failures.forget(policy)
-        for node, other in [key for key in self._unconfirmed if key[1] == policy]:
-            self._unconfirmed.pop((node, other)).timer.dispose()
-
-    def _arm(self, node: str, policy: str, bound: float) -> DisposableBase:
-        return self._scheduler.schedule_relative(bound, lambda *_: self._doubt(node, policy))
->>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
 
     def on_confirmed(self, node: str, said: Confirmation) -> None:
         """Count on the node's agent, but for the containers that failed."""
@@ -165,28 +139,11 @@ class AgentWatch:
         self._unconfirmed.confirm(node, said.policy, said.stamp)
         self._end_trial(node)
 
-<<<<<<< HEAD
-    def _take_failures(self, node: str, said: Confirmation) -> None:
-        """What failed last is what counts: the agent tries again with each plan."""
-        before = self._failed.pop((node, said.policy), {})
-        if said.failed:
-            self._failed[node, said.policy] = said.failed
-        if said.failed.keys() != before.keys():
-            reasons = ", ".join(sorted(set(said.failed.values()))) or "none any more"
-            log.warning("node %s: containers of %s that its agent could not set: %s", node, said.policy, reasons)
-            self._listener.on_agents()
-
     def on_late(self, node: str) -> None:
         """Stop counting on the node's agent; after a pause it is asked again what it can do, until it answers."""
         if self._trials.pop(node, None) is None and (
             node not in self.reports or node in self._missed or node in self._owing
         ):
-=======
-    def _doubt(self, node: str, policy: str) -> None:
-        """Stop counting on the node's agent; after RETURN it is asked again what it can do, until it answers."""
-        del self._unconfirmed[node, policy]
-        if node not in self.reports or node in self._missed or node in self._owing:
->>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)
             return
         log.warning("node %s: %s", node, LATE)
         self._proven.discard(node)
@@ -323,22 +280,6 @@ class AgentWatch:
         self._scheduler.schedule(lambda *_: action())
 
 
-<<<<<<< HEAD
 def _acts(report: AgentReport) -> bool:
     """Whether an agent carries out anything: `limits` and `realtime` hold what it lacks."""
     return not (report.limits and report.realtime)
-
-
-def _node(key: zenoh.KeyExpr) -> str:
-    return str(key).rpartition("/")[2]
-=======
-@dataclass(slots=True)
-class _Unconfirmed:
-    """The first and the last plan of a policy that a node's agent has yet to confirm."""
-
-    first: Stamp
-    last: Stamp
-    bound: float
-    """Seconds that the agent has."""
-    timer: DisposableBase
->>>>>>> 7dbf426 (Let no agent's certificate flood the operator with confirmations)

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
 
 
-
-
 def plan_key(namespace: str, name: str) -> str:
     """The key of a policy's plans."""
     return f"contextpolicy/{namespace}/{name}/plan"

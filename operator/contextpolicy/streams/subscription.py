@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
+
     from contextpolicy.planning.inputs import Input
     from contextpolicy.policy.stream_spec import Stream
     from contextpolicy.streams.backlog import Backlog, Lane
