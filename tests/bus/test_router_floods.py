@@ -1,4 +1,4 @@
-"""Clients that never end what they begin, never read, or choose costly keys: the router serves all others."""
+"""Clients that never end what they begin, or never read: the router stays small, admits others and serves them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Neighbours:
         self.senders, (self.speaker, listener) = self._open(2, port, sessions), self._open(2, port, sessions)
         self.heard = sessions.enter_context(Heard(listener, "robot/imu"))
         self.known, self.given_up = Event(), Event()
-        listener.liveliness().declare_subscriber("robot/alive", self._on_token, history=True)
+        listener.liveliness().declare_subscriber("robot/deaf", self._on_token, history=True)
 
     def _open(self, number, port, sessions):
         return [sessions.enter_context(without_shared_memory(port)) for _ in range(number)]
@@ -143,7 +143,7 @@ def test_a_client_that_does_not_read_holds_up_nobody(port, flood):
         neighbours = Neighbours(port, sessions)
         client, deaf = sessions.enter_context(deaf_client(port))
         floods = flood(client, neighbours.senders, deaf, pool)
-        token = client.liveliness().declare_token("robot/alive")  # it would end with the last reference
+        token = client.liveliness().declare_token("robot/deaf")  # it would end with the last reference
         assert neighbours.known.wait(PATIENCE)
         deaf.set()
         for running in floods:
@@ -151,27 +151,3 @@ def test_a_client_that_does_not_read_holds_up_nobody(port, flood):
         neighbours.heard.until(neighbours.speaker, "robot/imu", "sample")
         assert not neighbours.given_up.is_set()
         del token
-
-
-def test_router_that_hangs_is_replaced(port):
-    """One client's key with wildcards and another's sample kept it busy for good: it routed nothing any more.
-
-    Zenoh tries every way to divide the one among the other's wildcards. Its port was open all the while.
-    """
-    arguments = ["router", f"--listen=tcp/127.0.0.1:{port}", "--supervised"]
-    command = [sys.executable, "-m", "contextpolicy", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as router, ExitStack() as sessions:
-        assert router.stdout is not None
-        assert router.stdout.readline().startswith("routing at")
-        neighbours = Neighbours(port, sessions)
-        attacker, accomplice = neighbours.senders
-        neighbours.heard.until(neighbours.speaker, "robot/imu", "before")
-        costly = attacker.declare_queryable("robot/" + "a$*" * 9 + "b", lambda question: question.drop())
-        token = attacker.liveliness().declare_token("robot/alive")
-        assert neighbours.known.wait(PATIENCE)
-        accomplice.put("robot/" + "a" * 300, "costly")
-        assert router.stdout.readline().startswith("routing at"), "another one"
-        for declared in (costly, token):
-            declared.undeclare()
-        neighbours.heard.until(neighbours.speaker, "robot/imu", "after")
-        router.terminate()

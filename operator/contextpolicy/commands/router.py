@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -133,8 +132,6 @@ def _route(arguments: argparse.Namespace) -> int:
     Zenoh reads a listener's files only once. Clients reconnect within a second or so; agents then ask for the plans in
     force.
     """
-    from contextpolicy.bus.router_watch import RouterWatch
-
     if (arguments.uplink or arguments.fleet) and not _has_certificate(arguments.credentials):
         print(NO_CERTIFICATE, file=sys.stderr)
         return 2
@@ -143,7 +140,7 @@ def _route(arguments: argparse.Namespace) -> int:
     stop = stop_on_signals()
     while not stop.is_set():
         files = _files(arguments.credentials)
-        with _open(arguments) as session, RouterWatch(session, _Hang()):
+        with _open(arguments) as session:
             _count_clients(session)
             print(f"routing at {','.join(arguments.listen)}", flush=True)
             if arguments.ready_fd is not None:
@@ -151,15 +148,6 @@ def _route(arguments: argparse.Namespace) -> int:
             _await_renewal(arguments.credentials, files, stop)
             _count_clients(None)
     return 0
-
-
-class _Hang:
-    """Ends a process that could not even end itself: what is stuck in Zenoh holds up its end, too."""
-
-    def on_hang(self) -> None:
-        """A supervisor or the kubelet starts another."""
-        print("router: it routes nothing any more, and is killed", file=sys.stderr, flush=True)
-        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _await_renewal(directory: Path | None, files: dict[str, bytes], stop: threading.Event) -> None:
