@@ -8,8 +8,7 @@ VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
 # Not of the operator, or all of it at random: coverage, under which a test takes 2.5 times as long, is of the others.
 UNTRACED := tests/bench tests/fuzz tests/modules tests/oracle tests/timelines
-EXP ?= exp1 exp2 exp3
-REPEATS ?= 3
+STORIES := $(wildcard timelines/experiments/stories/*.yaml)
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
 BOARD ?= raspberry-pi-4
@@ -82,9 +81,11 @@ soak: images  ## the router killed 20 times; contexts, pods, killed parts and tr
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)
 
-experiments: images recordings  ## compare schedulers on a real node (EXP=exp3 REPEATS=1 for a quick look); goes on where it stopped
-	$(PYTHON) -m timelines.datasets $(foreach name,$(EXP),$(name) speech/$(name) signs/$(name))
-	$(CLUSTER) exec -- $(PYTHON) -m timelines.experiments $(EXP) --repeats $(REPEATS)
+experiments: images recordings  ## compare ways to divide the CPU on a real, quiet node (EXP=exp3 REPEATS=1 for a quick look); goes on where it stopped
+	mkdir -p build/experiments/timelines
+	$(PYTHON) -m timelines.scenarios $(STORIES) --record --out build/experiments/timelines
+	$(PYTHON) -m timelines.datasets $(foreach name,exp1 exp2 exp3,$(name) speech/$(name) signs/$(name))
+	$(CLUSTER) exec -- $(PYTHON) -m timelines.experiments $(EXP) $(if $(REPEATS),--blocks $(REPEATS)) $(if $(COMMIT),--commit)
 
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine

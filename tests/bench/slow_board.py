@@ -2,9 +2,7 @@
 
     python -m tests.bench.slow_board raspberry-pi-4 -- python -m tests.bench.reaction --only table
 
-What makes them slow is a thread of realtime priority on each that takes its part of every two milliseconds, so that all
-else, the kubelet and our own measuring included, gets the rest. A CPU quota would not do: within its period it lets
-work run at full speed and then stops it, and what takes less than the quota is not slowed at all.
+`timelines.experiments.slowed` says what makes them slow.
 
 How slow a board is comes from 7-zip's benchmark with one thread: published for the boards, run here for this machine
 (`7zr b -mmt1` of Debian's p7zip), and run again beside the threads to see what was reached. It says nothing of a
@@ -16,24 +14,15 @@ board's memory bandwidth or its card; and a board has four processors, not as ma
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import signal
 import subprocess
 import sys
-import time
-from contextlib import contextmanager
-from multiprocessing import get_context
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from timelines.experiments.slowed import HEADROOM, slowed
 
 BOARDS = {"raspberry-pi-4": 1769, "raspberry-pi-5": 3196}
 """MIPS of one core in 7-zip's benchmark: sbc-bench's Results.md, Debian for arm64, at 1.8 and 2.4 GHz."""
-PERIOD = 0.002
-HEADROOM = 0.9
-"""The kernel stops realtime threads that take more than 95 % of each second."""
 
 
 def main() -> int:
@@ -65,32 +54,6 @@ def rating(output: str) -> int:
     if not found:
         raise ValueError(f"no total in what 7zr printed: {output[-200:]!r}")
     return int(found.group(1))
-
-
-@contextmanager
-def slowed(part: float) -> Iterator[None]:
-    """Leave this part of each processor to the rest of the machine."""
-    thieves = [get_context("spawn").Process(target=_steal, args=(cpu, 1 - part)) for cpu in os.sched_getaffinity(0)]
-    try:
-        for thief in thieves:
-            thief.start()
-        yield
-    finally:
-        for thief in thieves:
-            thief.kill()
-            thief.join()
-
-
-def _steal(cpu: int, part: float) -> None:
-    os.sched_setaffinity(0, {cpu})
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-    # All at once: the kernel moves a thread whose processor is taken to one that is not.
-    begin, parent = time.monotonic() // PERIOD * PERIOD, os.getppid()
-    while os.getppid() == parent:
-        while time.monotonic() < begin + part * PERIOD:
-            pass
-        begin += PERIOD
-        time.sleep(max(0.0, begin - time.monotonic()))
 
 
 def _options() -> argparse.Namespace:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
 
 RATE = 2
-"""Pictures a second: a plate is in view for seconds."""
+"""Pictures a second, unless the view says otherwise: a plate is in view for seconds."""
 WIDTH, HEIGHT = 640, 480
 PLATE_TEXT = r"[0-9A-Z]{1,6}"
 _NOISE = 3.0
@@ -39,18 +39,19 @@ class Plate:
 
 @dataclass(frozen=True, slots=True)
 class SideView:
-    """What is seen when; `seed` makes wall and noise."""
+    """What is seen when, in `rate` pictures a second; `seed` makes wall and noise."""
 
     duration: float
     plates: tuple[Plate, ...]
     seed: int = 7
+    rate: float = RATE
 
 
 def write(folder: Path, view: SideView, progress: Callable[[float], None]) -> None:
     """Write the pictures and both tables into the folder."""
     rng = np.random.default_rng(view.seed)
     wall = _wall(rng)
-    times = np.arange(round(view.duration * RATE)) / RATE
+    times = np.arange(round(view.duration * view.rate)) / view.rate
     (folder / "data").mkdir()
     for index, at in enumerate(times.tolist()):
         noisy = _picture(wall, view, at) + rng.normal(0, _NOISE, (HEIGHT, WIDTH, 3))

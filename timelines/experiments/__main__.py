@@ -1,4 +1,9 @@
-"""`python -m timelines.experiments exp1 exp2 exp3`: run what has not been run yet, then write the report."""
+"""`python -m timelines.experiments`: run what has not been run yet, then write the report.
+
+Before the first block it calibrates the loads and searches static weights on the tuning stories, and freezes both. It goes
+on where it was stopped. With any choice (stories, configurations, loads, blocks) it is a quick look: nothing is calibrated
+for it, and it goes to a folder of its own.
+"""
 
 from __future__ import annotations
 
@@ -9,89 +14,120 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import track
 
 from contextpolicy.errors import ContextPolicyError
-from contextpolicy.streams.timeline import load
 from robotkit.euroc import DatasetError
 from timelines.datasets.recordings import ROOT
 from timelines.demo import deploy
 from timelines.experiments import installation
-from timelines.experiments.configurations import ALL
+from timelines.experiments.blocks import HEAVY, LIGHT, trials
+from timelines.experiments.campaign import Campaign, Folders, Workbench
+from timelines.experiments.configurations import CONFIGURATIONS
+from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
+from timelines.experiments.prepare import Preparation, name, settings, tuned_weights
+from timelines.experiments.record import RecordError
 from timelines.experiments.report import write_report
-from timelines.experiments.run import RUN, execute
-from timelines.experiments.trials import EXPERIMENTS, longest, trials
+from timelines.experiments.stories import HELD_OUT, PAPER
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
-    from timelines.experiments.trials import Trial
+    from timelines.experiments.blocks import Trial
 
 OUT = deploy.REPOSITORY / "build" / "experiments"
-TIMELINES = deploy.REPOSITORY / "timelines"
+DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
+REPORTED = [story.name for story in (*HELD_OUT, *PAPER)]
 console = Console() if sys.stdout.isatty() else Console(width=120)  # a pipe has no width, and 80 would cut lines
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run and report; exit code 1 when a run fails: those that are finished are kept, and not run again."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
-    unknown = sorted(set(options.only) - {configuration.name for configuration in ALL})
-    if unknown:
-        parser.error(f"--only {' '.join(unknown)}: allowed are {', '.join(one.name for one in ALL)}")
+    options = _parser().parse_args(arguments)
+    quick = bool(options.stories or options.only or options.loads or options.blocks)
+    raw = options.out / "quick" if quick else options.out
+    data = options.data or (raw / "data" if quick else DATA)
     try:
         if not options.report_only:
-            _run_all(_missing(options), options)
-        console.print(
-            f"report: {write_report(options.out, options.datasets, options.report or options.out)}", highlight=False
-        )
-    except (ContextPolicyError, DatasetError, deploy.DeployError) as error:
+            folders = Folders(raw, data, options.datasets, options.out / "timelines")
+            _run(options, Workbench(folders), quick=quick)
+        evidence = Evidence.read(data)
+        if evidence.runs:
+            _say(f"report: {write_report(evidence, options.report or raw)}")
+    except (ContextPolicyError, DatasetError, deploy.DeployError, RecordError) as error:
         console.print(f"[red]{error}[/]", highlight=False)
         return 1
     return 0
 
 
-def _missing(options: argparse.Namespace) -> list[Trial]:
-    """What is still to run."""
-    every = trials(options.experiments, options.repeats, paces=options.paces, only=options.only, can=installation.can)
-    return [trial for trial in every if not (trial.folder(options.out) / RUN).is_file()]
+def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> None:
+    data = bench.folders.data
+    frozen = dict(read_frozen(DATA if quick else data))
+    if not quick:
+        _prepare(Preparation(bench, _say), frozen, data)
+    found = settings(frozen)
+    chosen = list(
+        trials(
+            stories=options.stories,
+            only=options.only,
+            loads=options.loads,
+            most=options.blocks,
+            can=lambda configuration, load: installation.can(configuration, slow=found[load].part < 1),
+        )
+    )
+    campaign = Campaign(bench, found, tuned_weights(frozen), _say)
+    left = campaign.run(chosen, until=_until(options.minutes), commit=options.commit)
+    if left:
+        _say(f"{left} runs are left: the same command goes on with them")
 
 
-def _run_all(missing: list[Trial], options: argparse.Namespace) -> None:
-    """Install once for all runs in a row that need the same; begin none that would not end in time."""
-    ends = time.monotonic() + 60 * options.minutes
-    took: list[float] = []
-    installed: bool | None = None
-    for number, trial in enumerate(track(missing, "runs", console=console, disable=not console.is_terminal)):
-        timeline = TIMELINES / f"{trial.experiment}.json"
-        begun = time.monotonic()
-        if begun + longest(took, load(timeline).duration, trial.pace) > ends:
-            console.print(f"{len(missing) - number} runs are left: the same command goes on with them", highlight=False)
-            return
-        console.print(f"[bold]{number + 1} of {len(missing)}[/] {trial}", highlight=False)
-        if installed is not trial.configuration.agent:
-            installation.install(trial.configuration)
-            installed = trial.configuration.agent
-        execute(trial, timeline, options.datasets, trial.folder(options.out), options.policy)
-        took.append(time.monotonic() - begun)
+def _prepare(preparation: Preparation, frozen: dict[str, object], data: Path) -> None:
+    """Find out what is missing, and keep each finding at once."""
+    if "parts" not in frozen:
+        frozen |= preparation.calibrated()
+        write_frozen(data, frozen)
+    for gated in (False, True):
+        tuned = frozen.setdefault("tuned", {})
+        if isinstance(tuned, dict) and name(gated=gated) not in tuned:
+            tuned[name(gated=gated)] = preparation.tuned(frozen, gated=gated)
+            write_frozen(data, frozen)
+
+
+def _until(minutes: float) -> Callable[[float], bool]:
+    """Whether there is still time for something that takes so many seconds."""
+    ends = time.monotonic() + 60 * minutes
+    return lambda seconds: time.monotonic() + seconds <= ends
+
+
+def _say(line: str) -> None:
+    console.print(line, highlight=False, markup=False)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m timelines.experiments", description=__doc__)
-    parser.add_argument("experiments", nargs="+", choices=EXPERIMENTS, metavar="EXPERIMENT", help="exp1, exp2, exp3")
-    parser.add_argument("--repeats", type=int, default=3, help="runs of each configuration (%(default)s)")
-    parser.add_argument("--only", nargs="+", default=(), metavar="CONFIGURATION", help="these configurations")
-    parser.add_argument("--paces", nargs="+", type=float, default=(), metavar="PACE", help="1: real; 2: twice as fast")
+    parser = argparse.ArgumentParser(
+        prog="python -m timelines.experiments",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("stories", nargs="*", choices=REPORTED, metavar="STORY", help=", ".join(REPORTED))
+    parser.add_argument("--blocks", type=int, metavar="N", help="at most so many blocks of each part")
+    parser.add_argument("--loads", nargs="+", default=(), choices=(HEAVY, LIGHT), metavar="LOAD", help="heavy, light")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=(),
+        choices=list(CONFIGURATIONS),
+        metavar="CONFIGURATION",
+        help=", ".join(CONFIGURATIONS),
+    )
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="begin no run that would end later than that"
     )
-    parser.add_argument(
-        "--policy", type=Path, default=installation.POLICY, metavar="FILE", help="divide by this one instead"
-    )
-    parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="raw data (build/experiments)")
+    parser.add_argument("--commit", action="store_true", help="commit each block's data as it ends")
+    parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="recordings of runs (build/experiments)")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="what is committed (timelines/results/data)")
     parser.add_argument("--datasets", type=Path, default=ROOT, metavar="DIR", help="recordings (%(default)s)")
-    parser.add_argument("--report", type=Path, metavar="DIR", help="where the report goes (default: to the raw data)")
-    parser.add_argument("--report-only", action="store_true", help="run nothing, write the report of what was run")
+    parser.add_argument("--report", type=Path, metavar="DIR", help="where the report goes (default: to the recordings)")
+    parser.add_argument("--report-only", action="store_true", help="run nothing: compute every figure from the data")
     return parser
 
 

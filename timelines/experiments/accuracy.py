@@ -1,7 +1,7 @@
 """How right each task was: its results against the timeline's truth. Pure, but for the poses' ground truth on disk.
 
-Commands and signs count where the policy allowed the task to work: a policy that suspends speech while the robot moves
-means not to hear what is said then. Times are the story's: at twice the pace a second of the run is two of them.
+Commands, signs and orders count where their context wants the task, by the timeline and the same in every run: what a
+run did not hear because it was suspended is not heard.
 """
 
 from __future__ import annotations
@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from statistics import mean
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.streams.timeline import load
 from robotkit.accuracy import Event, match_events
-from timelines.experiments import measures
-from timelines.experiments.run import TIMELINE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from contextpolicy.streams.timeline import Timeline
+    from timelines.experiments.due import Schedule
     from timelines.experiments.raw_data import RunData
 
 EARLY, LATE = 0.5, 2.5
@@ -41,14 +39,29 @@ class Accuracy:
     more_is_better: bool = True
 
 
-def accuracy(run: RunData, folder: Path, datasets: Path) -> dict[str, Accuracy]:
-    """Of each task that published anything that can be judged; `folder` has the run's timeline."""
-    story = load(folder / TIMELINE)
-    judged = {task: judge(run, story, datasets) for task, judge in _JUDGES.items() if task in run.inputs}
-    return {task: found for task, found in judged.items() if found is not None}
+@dataclass(frozen=True, slots=True)
+class Judge:
+    """Judges runs of one story. `datasets` has the poses' ground truth."""
+
+    story: Timeline
+    schedule: Schedule
+    datasets: Path
+
+    def accuracy(self, run: RunData) -> dict[str, Accuracy]:
+        """Of each task that published anything that can be judged."""
+        judged = {task: judge(self, run) for task, judge in _JUDGES.items() if task in self.schedule.inputs}
+        return {task: found for task, found in judged.items() if found is not None}
+
+    def truths(self, key: str) -> Iterator[Any]:
+        """What is true of a key's inputs."""
+        return (entry.truth for entry in self.story.entries if entry.key == key and entry.truth is not None)
+
+    def away(self, task: str) -> list[tuple[float, float]]:
+        """When no context wants the task."""
+        return [(one.begin, one.end) for one in self.schedule.windows if task in one.suspended]
 
 
-def _poses(run: RunData, story: Timeline, datasets: Path) -> Accuracy | None:
+def _poses(judge: Judge, run: RunData) -> Accuracy | None:
     """ATE of the poses that SLAM trusts."""
     from modules.slam.estimates import Estimate  # noqa: PLC0415 - OpenCV and GTSAM load slowly
     from modules.slam.evaluation import evaluate  # noqa: PLC0415
@@ -57,39 +70,40 @@ def _poses(run: RunData, story: Timeline, datasets: Path) -> Accuracy | None:
     estimate = Estimate()
     for result in run.results.get("robot/slam/pose", ()):
         estimate.hear(json.dumps(result.value).encode())
-    truth = next((one["poses"] for _, one in _truths(story, "robot/camera/stereo") if "poses" in one), "")
-    sequence = datasets / truth.partition("/")[0]
-    if len(estimate.poses) < FEWEST_POSES or not truth or not (datasets / truth).is_dir():
+    truth = next((one["poses"] for one in judge.truths("robot/camera/stereo") if "poses" in one), "")
+    sequence = judge.datasets / truth.partition("/")[0]
+    if len(estimate.poses) < FEWEST_POSES or not truth or not (judge.datasets / truth).is_dir():
         return None
     report: Any = evaluate(estimate.trajectory, load_trajectory(sequence))
     return Accuracy("ATE", report["ate"]["rmse"], "m", report["compared"], more_is_better=False)
 
 
-def _signs(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
+def _signs(judge: Judge, run: RunData) -> Accuracy | None:
     """How many signs were reported, of those that came into view."""
     reported = [(one.at, str(one.value.get("text"))) for one in run.results.get("robot/signs/number", ())]
     truth = [
         (float(sign["from"]), float(sign["to"]), str(sign["text"]))
-        for _, one in _truths(story, "robot/camera/side")
+        for one in judge.truths("robot/camera/side")
         for sign in one.get("signs", ())
     ]
-    return _found(run, "signs", "signs read", reported, truth, late=LINGERS)
+    return _found(judge, run, "signs", "signs read", reported, truth, late=LINGERS)
 
 
-def _commands(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
+def _commands(judge: Judge, run: RunData) -> Accuracy | None:
     """How many commands were heard, of those that were said."""
     reported = [
         (float(one.value["at"]), str(one.value["keyword"])) for one in run.results.get("robot/speech/keyword", ())
     ]
     truth = [
         (float(word["at"]), float(word["at"]) + 1.0, str(word["keyword"]))
-        for _, words in _truths(story, "robot/microphone")
+        for words in judge.truths("robot/microphone")
         for word in words
     ]
-    return _found(run, "speech", "commands heard", reported, truth, late=LATE)
+    return _found(judge, run, "speech", "commands heard", reported, truth, late=LATE)
 
 
 def _found(  # noqa: PLR0913, PLR0917 - what is compared
+    judge: Judge,
     run: RunData,
     task: str,
     measure: str,
@@ -97,9 +111,9 @@ def _found(  # noqa: PLR0913, PLR0917 - what is compared
     truth: Iterable[tuple[float, float, str]],
     late: float,
 ) -> Accuracy | None:
-    """Each true event that the policy allowed the task to see, by label; `reported` are Unix seconds."""
-    heard = [Event(run.story_time(at), label) for at, label in reported]
-    away = [(run.story_time(begin), run.story_time(end)) for begin, end in measures.suspensions(run, task)]
+    """Each true event that a context wants the task to see, by label; `reported` are Unix seconds."""
+    heard = [Event(at - run.started, label) for at, label in reported]
+    away = judge.away(task)
     due = [(begin, end, label) for begin, end, label in truth if not any(a < end and begin < b for a, b in away)]
     found = 0
     for begin, end, label in due:
@@ -108,22 +122,22 @@ def _found(  # noqa: PLR0913, PLR0917 - what is compared
     return Accuracy(measure, 100 * found / len(due), "%", len(due)) if due else None
 
 
-def _motion(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
+def _motion(judge: Judge, run: RunData) -> Accuracy | None:
     """How often it was right about whether the robot moves."""
-    spans = [span for _, one in _truths(story, "robot/imu/raw") for span in one.get("moving", ())]
+    spans = [span for one in judge.truths("robot/imu/raw") for span in one.get("moving", ())]
     right = [
-        bool(one.value["moving"]) is any(begin <= run.story_time(one.at) < end for begin, end in spans)
+        bool(one.value["moving"]) is any(begin <= one.at - run.started < end for begin, end in spans)
         for one in run.results.get("robot/imu/motion", ())
         if "moving" in one.value
     ]
     return Accuracy("motion recognised", 100 * mean(right), "%", len(right)) if right else None
 
 
-def _path(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
+def _path(judge: Judge, run: RunData) -> Accuracy | None:
     """How far the wheels went, beside how far they were ordered to go."""
     travelled = [float(one.value["travelled"]) for one in run.results.get("robot/navigation/odometry", ())]
-    orders = [entry for entry in story.entries if entry.key == "robot/navigation/order"]
-    ordered = sum(_speed(entry.value) * (entry.end - entry.start) for entry in orders) / run.pace
+    orders = [entry for entry in judge.story.entries if entry.key == "robot/navigation/order"]
+    ordered = sum(_speed(entry.value) * (entry.end - entry.start) for entry in orders)
     if not travelled or not ordered:
         return None
     error = abs(travelled[-1] - travelled[0] - ordered)
@@ -135,16 +149,14 @@ def _speed(order: object) -> float:
     return float(drive.get("forward", 0.0))
 
 
-def _arm(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
-    """How many orders ended as they should, before the next one came."""
-    orders = [entry for entry in story.entries if entry.key == "robot/arm/order"]
-    stamps = sorted(run.published.get("robot/arm/order", ()))
-    away = measures.suspensions(run, "arm")
+def _arm(judge: Judge, run: RunData) -> Accuracy | None:
+    """How many orders ended as they should, before the next one came; those to follow something never end."""
+    orders = [entry for entry in judge.story.entries if entry.key == "robot/arm/order"]
+    begins = [run.started + entry.start for entry in orders]
     right = []
-    for index, (entry, stamp) in enumerate(zip(orders, stamps, strict=False)):
-        begin = stamp / 1e9
-        end = stamps[index + 1] / 1e9 if index + 1 < len(stamps) else float("inf")
-        if not any(a <= begin < b for a, b in away):
+    for entry, begin, end in zip(orders, begins, [*begins, float("inf")][1:], strict=True):
+        away = any(a <= entry.start < b for a, b in judge.away("arm"))
+        if not away and _doing(entry.truth) is not None:
             states = (one for one in run.results.get("robot/arm/state", ()) if begin < one.heard < end)
             right.append(any(one.value.get("doing") == _doing(entry.truth) for one in states))
     return Accuracy("orders carried out", 100 * mean(right), "%", len(right)) if right else None
@@ -154,11 +166,7 @@ def _doing(truth: object) -> object:
     return truth.get("doing") if isinstance(truth, dict) else None
 
 
-def _truths(story: Timeline, key: str) -> Iterator[tuple[float, Any]]:
-    return ((entry.start, entry.truth) for entry in story.entries if entry.key == key and entry.truth is not None)
-
-
-_JUDGES: Mapping[str, Callable[[RunData, Timeline, Path], Accuracy | None]] = {
+_JUDGES: Mapping[str, Callable[[Judge, RunData], Accuracy | None]] = {
     "slam": _poses,
     "signs": _signs,
     "speech": _commands,

@@ -1,4 +1,8 @@
-"""The ways to divide the CPU that are compared. Pure: each is the chart's values, and a policy or none."""
+"""The ways to divide the CPU that are compared. Pure: each is the chart's values, and a policy or none.
+
+Gating is a factor of its own: with it the same modules pause in the same contexts under every division. Under a division
+that knows no contexts the policy only says what it would do (DryRun), and `gate.py` tells the modules.
+"""
 
 from __future__ import annotations
 
@@ -6,69 +10,78 @@ import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.allocation.shares import Demand, divide
-from contextpolicy.policy.quantities import format_cpu, parse_cpu, parse_duration
+from contextpolicy.policy.quantities import format_cpu
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     Document = dict[str, Any]
 
-OTHERS = "500m"
-"""What operator, router, drivers and guards request, 450m, rounded up."""
-PAUSES = ("hold", "enterAfter", "exitAfter")
-"""How long something has to last, in contexts and activities."""
-UNIT = 10
-"""Thousandths of a core: what a CPU quota is counted in."""
-REQUESTED = 0.75
-"""Part of a static limit that is requested: operator, router and drivers request CPU too, and all pods must fit."""
-BASELINE, IDEAL = "linux-default", "ideal"
+ROOM = 0.6
+"""Part of the node that static weights are spread over: operator, router, drivers and guards request CPU too."""
+LEAST = 10
+"""Thousandths of a core: the smallest request, as the chart has it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """`resources` gives each container's CPU request and limit; `policy` changes the robot's policy in place.
+    """`control` is the policy's, empty where nothing moves with the context; `static` are searched weights.
 
-    Without `policy` the operator is installed, since its router is the bus, but is idle.
+    With `agent` the node agent writes the cgroups, and the bus asks everybody who they are. `adaptive` modules do less
+    for an input when they are late. `alone`: each task's inputs are played by themselves, one task after the other.
     """
 
     name: str
     title: str
-    resources: Callable[[Document, int], Mapping[str, Document]]
-    policy: Callable[[Document], None] | None = None
+    control: str = ""
+    gated: bool = False
     agent: bool = False
-    """Whether the node agent writes the cgroups; the bus then asks everybody who they are."""
+    static: bool = False
+    adaptive: bool = False
     realtime: bool = False
     autoscaled: bool = False
-    """Whether a VerticalPodAutoscaler moves requests and limits."""
     alone: bool = False
-    """Each task's inputs are played by themselves, one task after the other."""
+
+    @property
+    def contextual(self) -> bool:
+        """Whether CPU moves with the context."""
+        return bool(self.control) or self.realtime
+
+    @property
+    def relayed(self) -> bool:
+        """Whether the modules hear what a policy would do that does not act."""
+        return self.gated and not self.contextual
 
     def variant(self, document: Document) -> Document | None:
-        """The policy to apply; None for Linux's default."""
-        if self.policy is None:
+        """The policy to apply; None where none is."""
+        if not self.contextual and not self.gated:
             return None
         changed = copy.deepcopy(document)
-        self.policy(changed["spec"])
+        spec = changed["spec"]
+        if not self.contextual:
+            spec["mode"] = "DryRun"
+        spec["enforcement"] = {"scheduler": "Realtime", "period": "1s"} if self.realtime else _control(self.control)
+        if self.control == "Weight":
+            _without_max(spec)
+        if not self.gated:
+            _without_suspension(spec)
         return changed
 
+    def resources(self, document: Document, cores: int, weights: Mapping[str, int]) -> dict[str, Document]:
+        """Each container's CPU request and limit; `weights` are the searched ones.
 
-def at_pace(document: Document, pace: float) -> Document:
-    """The policy for a robot that does all of this `pace` times as fast: pauses are shorter.
+        A policy resizes a limit that is there, so there is one that does not bind; all others have none.
+        """
+        names = [task["name"] for task in document["spec"]["tasks"]]
+        if self.static:
+            return {name: {"request": request, "limit": ""} for name, request in requests(weights, cores).items()}
+        return {name: {"limit": str(cores) if self.contextual or self.autoscaled else ""} for name in names}
 
-    `max` stays: where a task has one, it is what its thread can use, or several times what its inputs cost; more would
-    lie idle. `protected` tasks get all of it, since their `min` is what they need at real pace. Silence is judged as
-    before: `staleAfter` is about faults, which the story has none of.
-    """
-    changed = copy.deepcopy(document)
-    spec = changed["spec"]
-    for task in spec["tasks"]:
-        if task.get("protected") and "max" in task:
-            task["min"] = task["max"]
-    activities = [activity for task in spec["tasks"] for activity in task.get("activity", ())]
-    for timed in (*activities, *spec.get("contexts", ())):
-        timed |= {name: f"{round(parse_duration(timed[name]) / pace * 1000)}ms" for name in PAUSES if name in timed}
-    return changed
+
+def requests(weights: Mapping[str, int], cores: int) -> dict[str, str]:
+    """Weights as CPU requests, which is how a pod gets them, in their proportions."""
+    room, whole = ROOM * cores * 1000, sum(weights.values())
+    return {name: format_cpu(max(LEAST, round(room * weight / whole))) for name, weight in weights.items()}
 
 
 def autoscalers(document: Document, cores: int) -> Iterator[Document]:
@@ -89,37 +102,14 @@ def autoscalers(document: Document, cores: int) -> Iterator[Document]:
         }
 
 
-def _unlimited(document: Document, _cores: int) -> dict[str, Document]:
-    return {task["name"]: {"limit": ""} for task in document["spec"]["tasks"]}
+def _control(control: str) -> Document:
+    return {"control": control} if control else {}
 
 
-def _resizable(document: Document, _cores: int) -> dict[str, Document]:
-    """The chart's own: a request of 10m and a limit, which the policy moves."""
-    return {task["name"]: {} for task in document["spec"]["tasks"]}
-
-
-def by_priority(document: Document, cores: int) -> dict[str, Document]:
-    """Limits that divide the node by the policy's priorities, within its bounds, once and for all; with requests."""
-    spec = document["spec"]
-    total = cores * 1000 - parse_cpu(spec.get("reserve", 0))
-    claims = [
-        Demand(
-            task["name"],
-            float(task.get("priority", 1)),
-            parse_cpu(task.get("min", "10m")) // UNIT,
-            parse_cpu(task.get("max", str(cores))) // UNIT,
-        )
-        for task in spec["tasks"]
-    ]
-    shares = {name: units * UNIT for name, units in divide(total // UNIT, claims).items()}
-    return {
-        name: {"request": format_cpu(round(REQUESTED * share)), "limit": format_cpu(share)}
-        for name, share in shares.items()
-    }
-
-
-def _as_it_is(_spec: Document) -> None:
-    """CFS, limits, and contexts that suspend."""
+def _without_max(spec: Document) -> None:
+    """Under weights a `max` would be a quota: what is idle stays usable without."""
+    for task in spec["tasks"]:
+        task.pop("max", None)
 
 
 def _without_suspension(spec: Document) -> None:
@@ -128,27 +118,32 @@ def _without_suspension(spec: Document) -> None:
     spec["contexts"] = [context for context in spec.get("contexts", ()) if context["tasks"]]
 
 
-def _control(control: str) -> Callable[[Document], None]:
-    """Shares are requests then, and the kubelet defers what does not fit beside the requests of all other pods."""
-    return lambda spec: spec.update(enforcement={"control": control}, reserve=OTHERS)
+LINUX = Configuration("linux", "Linux default")
+LINUX_GATED = Configuration("linux-gated", "Linux default, gated", gated=True)
+STATIC = Configuration("static", "static weights", static=True)
+STATIC_GATED = Configuration("static-gated", "static weights, gated", static=True, gated=True)
+WEIGHTS = Configuration("weights", "context weights", "Weight", agent=True)
+WEIGHTS_GATED = Configuration("weights-gated", "context weights, gated", "Weight", agent=True, gated=True)
+LIMITS = Configuration("limits", "context limits", "Limit", agent=True)
+LIMITS_GATED = Configuration("limits-gated", "context limits, gated", "Limit", agent=True, gated=True)
+RESIZED = Configuration("limits-resized", "context limits by resize, gated", "Limit", gated=True)
+LINUX_ADAPTIVE = Configuration("linux-adaptive", "Linux default, gated, adaptive", gated=True, adaptive=True)
+WEIGHTS_ADAPTIVE = Configuration(
+    "weights-adaptive", "context weights, gated, adaptive", "Weight", agent=True, gated=True, adaptive=True
+)
+VPA = Configuration("vpa", "VPA in place", autoscaled=True)
+REALTIME = Configuration("realtime", "context realtime, gated", agent=True, gated=True, realtime=True)
+ALONE = Configuration("alone", "each task alone", alone=True)
 
-
-def _realtime(period: str) -> Callable[[Document], None]:
-    return lambda spec: spec.update(enforcement={"scheduler": "Realtime", "period": period})
-
-
-LINUX_DEFAULT = Configuration(BASELINE, "Linux default", _unlimited)
-STATIC = Configuration("static-limits", "static limits", by_priority)
-VPA = Configuration("vpa", "VPA in place", by_priority, autoscaled=True)
-CFS = Configuration("cfs-ca", "CFS CA", _resizable, _as_it_is)
-UNSUSPENDED = Configuration("cfs-ca-unsuspended", "CFS CA, no suspension", _resizable, _without_suspension)
-WEIGHT = Configuration("weight", "CFS CA, Weight", _resizable, _control("Weight"))
-CFS_AGENT = Configuration("cfs-ca-agent", "CFS CA, agent", _resizable, _as_it_is, agent=True)
-RT = Configuration("rt-ca-1s", "RT CA, 1 s", _resizable, _realtime("1s"), agent=True, realtime=True)
-RT_SHORT = Configuration("rt-ca-100ms", "RT CA, 100 ms", _resizable, _realtime("100ms"), agent=True, realtime=True)
-ALONE = Configuration(IDEAL, "each task alone", _unlimited, alone=True)
-
-MAIN = (LINUX_DEFAULT, STATIC, VPA, CFS, RT)
-REST = (UNSUSPENDED, WEIGHT, CFS_AGENT, RT_SHORT)
-ALL = (LINUX_DEFAULT, STATIC, VPA, CFS, UNSUSPENDED, WEIGHT, CFS_AGENT, RT, RT_SHORT, ALONE)
-"""In the order in which a repeat runs them, so that the operator is reinstalled only once."""
+FACTORS: Sequence[Configuration] = (
+    *(LINUX, LINUX_GATED, STATIC, STATIC_GATED),
+    *(WEIGHTS, WEIGHTS_GATED, LIMITS, LIMITS_GATED, RESIZED),
+)
+"""Under heavy load: with and without gating, four divisions, and limits by the mission's own path as well."""
+ADAPTIVE: Sequence[Configuration] = (LINUX_ADAPTIVE, WEIGHTS_ADAPTIVE)
+FIRST_LAW: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS_GATED, LIMITS_GATED)
+"""Under light load: the product as it is used, against plain Linux."""
+PAPERS: Sequence[Configuration] = (LINUX, WEIGHTS_GATED, LIMITS_GATED, RESIZED)
+CONFIGURATIONS: Mapping[str, Configuration] = {
+    one.name: one for one in (*FACTORS, *ADAPTIVE, VPA, REALTIME, ALONE)
+}

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from timelines.demo import bus, cgroup, deploy
-from timelines.experiments.configurations import at_pace, autoscalers
+from timelines.experiments import gate
+from timelines.experiments.configurations import autoscalers
+from timelines.experiments.schedules import module_file
+from timelines.experiments.stories import POLICIES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,30 +22,27 @@ if TYPE_CHECKING:
     import zenoh
 
     from timelines.demo.cgroup import Cgroup
+    from timelines.experiments.blocks import Trial
     from timelines.experiments.configurations import Configuration
+    from timelines.experiments.stories import Story
 
     Document = dict[str, Any]
 
 DEPTH = 100_000
-"""So long that a queue drops nothing: what waits, waits."""
+"""So long that a queue drops nothing: under the paper's terms what waits, waits."""
 ROOM = "1536Mi"
 """Memory limit of a module with such a queue of pictures."""
-KEEP = 1.0
-"""Seconds that an input waits for its place on the bus: all configurations must have the same work."""
 REALTIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
 CONTROL = ("operator", "router", "agent")
 """Containers of what decides and carries it out; the router is the bus, with and without."""
-MODULES = deploy.REPOSITORY / "modules"
-POLICY = Path(__file__).with_name("policy.yaml")
-"""What all configurations with contexts start from."""
-AGENT = ("agent.enabled=true", "agent.realtime=true")
 AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
+POLICY = "ctxp/whole-robot"
 
 
-def policy_document(pace: float = 1.0, path: Path = POLICY) -> Document:
-    """The policy that divides the whole robot when it gets its inputs at this pace."""
-    document: Document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return document if pace == 1 else at_pace(document, pace)
+def policy_document(story: Story) -> Document:
+    """The policy of a story, as it is written."""
+    document: Document = yaml.safe_load(story.policy_file.read_text(encoding="utf-8"))
+    return document
 
 
 def cores() -> int:
@@ -50,22 +50,15 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def module_file(task: str) -> Document:
-    """What a task's module.yaml says."""
-    document: Document = yaml.safe_load((MODULES / task / "module.yaml").read_text(encoding="utf-8"))
-    return document
+def can(configuration: Configuration, *, slow: bool) -> bool:
+    """Whether this node is able to carry a configuration out.
 
-
-def can_do_realtime() -> bool:
-    """Whether this node's kernel has realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1)."""
-    return REALTIME.exists()
-
-
-def can(configuration: Configuration) -> bool:
-    """Whether this node is able to carry a configuration out."""
-    return not (configuration.realtime and not can_do_realtime()) and not (
-        configuration.autoscaled and not _autoscales()
-    )
+    Realtime needs a kernel with realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1), and processors that nothing else of
+    realtime priority slows down.
+    """
+    if configuration.realtime:
+        return REALTIME.exists() and not slow
+    return not configuration.autoscaled or _autoscales()
 
 
 def _autoscales() -> bool:
@@ -73,18 +66,18 @@ def _autoscales() -> bool:
     return bool(deploy.run("kubectl", "get", "crd", AUTOSCALERS, "--ignore-not-found", "-o", "name").strip())
 
 
-def values(configuration: Configuration, document: Document, cores: int) -> Document:
-    """The robot chart's values: queues that lose nothing, and each container's CPU. Pure but for module.yaml files."""
-    return {
-        "modules": {
-            task: {
-                "cpu": dict(cpu),
-                "memory": {"request": "64Mi", "limit": ROOM},
-                "env": {"PUBLISH_RUNS": "true", "ADAPT": "false", **_deep_queues(module_file(task))},
-            }
-            for task, cpu in configuration.resources(document, cores).items()
-        }
-    }
+def values(trial: Trial, document: Document, cores: int, weights: Mapping[str, int]) -> Document:
+    """The robot chart's values. Pure but for module.yaml files."""
+    environment = {"PUBLISH_RUNS": "true", "ADAPT": "true" if trial.configuration.adaptive else "false"}
+    if trial.configuration.relayed:
+        environment["PLAN_KEY"] = gate.KEY
+    modules: Document = {}
+    for task, cpu in trial.configuration.resources(document, cores, weights).items():
+        modules[task] = {"cpu": cpu, "env": dict(environment)}
+        if trial.story.lossless:
+            modules[task]["memory"] = {"request": "64Mi", "limit": ROOM}
+            modules[task]["env"] |= _deep_queues(module_file(task))
+    return {"modules": modules}
 
 
 def _deep_queues(module: Mapping[str, Any]) -> dict[str, str]:
@@ -93,37 +86,37 @@ def _deep_queues(module: Mapping[str, Any]) -> dict[str, str]:
 
 def install(configuration: Configuration) -> None:
     """Install the operator with its router, with the node agent where the configuration wants it."""
-    deploy.install_operator(*AGENT if configuration.agent else ())
+    settings = ["agent.enabled=true"] * configuration.agent + ["agent.realtime=true"] * configuration.realtime
+    deploy.install_operator(*settings)
 
 
-def start_robot(configuration: Configuration, document: Document, folder: Path) -> None:
+def start_robot(trial: Trial, weights: Mapping[str, int], folder: Path) -> None:
     """Restart the robot's modules, without any state; values are kept in `folder`."""
     stop_robot()
-    own = folder / "values.yaml"
-    own.write_text(yaml.safe_dump(values(configuration, document, cores())), encoding="utf-8")
-    deploy.install_robot(deploy.VALUES, own, closed=configuration.agent)
-    if configuration.autoscaled:
+    document, own = policy_document(trial.story), folder / "values.yaml"
+    own.write_text(yaml.safe_dump(values(trial, document, cores(), weights)), encoding="utf-8")
+    deploy.install_robot(deploy.VALUES, own, closed=trial.configuration.agent)
+    if trial.configuration.autoscaled:
         path = folder / "autoscalers.yaml"
         path.write_text(yaml.safe_dump_all(autoscalers(document, cores())), encoding="utf-8")
         deploy.run("kubectl", "apply", "-f", str(path))
 
 
-def decide(configuration: Configuration, document: Document, folder: Path) -> None:
+def decide(trial: Trial, folder: Path) -> None:
     """Apply the configuration's policy, if there is one, and wait until its decisions are in force."""
-    variant = configuration.variant(document)
+    variant = trial.configuration.variant(policy_document(trial.story))
     if variant is None:
         return
     path = folder / "policy.yaml"
     path.write_text(yaml.safe_dump(variant, sort_keys=False), encoding="utf-8")
     deploy.run("kubectl", "apply", "-f", str(path))
-    name = variant["metadata"]["name"]
-    deploy.run("kubectl", "wait", f"ctxp/{name}", "-n", deploy.ROBOT, "--for=condition=Ready", "--timeout=60s")
+    deploy.run("kubectl", "wait", POLICY, "-n", deploy.ROBOT, "--for=condition=Ready", "--timeout=60s")
 
 
 def stop_robot() -> None:
     """Remove the policy, or the autoscalers, then the modules."""
     deploy.run("kubectl", "delete", AUTOSCALERS, "--all", "-n", deploy.ROBOT, quiet=True)
-    deploy.run("kubectl", "delete", "-f", str(POLICY), f"--timeout={deploy.TIMEOUT}", quiet=True)
+    deploy.run("kubectl", "delete", "-f", str(POLICIES), f"--timeout={deploy.TIMEOUT}", quiet=True)
     deploy.run(
         *("helm", "uninstall", "robot", "--namespace", deploy.ROBOT, "--ignore-not-found", "--wait"),
         *("--timeout", deploy.TIMEOUT),
@@ -132,8 +125,8 @@ def stop_robot() -> None:
 
 
 def session(configuration: Configuration, role: str) -> AbstractContextManager[zenoh.Session]:
-    """A session on the robot's bus that rather waits than loses; where the bus asks who speaks, in the given role."""
-    return bus.session(role, closed=configuration.agent, keep=KEEP)
+    """A session on the robot's bus; where the bus asks who speaks, in the given role."""
+    return bus.session(role, closed=configuration.agent)
 
 
 def cgroups() -> dict[str, Cgroup]:

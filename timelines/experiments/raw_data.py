@@ -7,26 +7,17 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.streams.recordings import Excerpt, open_recording
-from contextpolicy.streams.timeline import load
-from timelines.experiments.run import MESSAGES, RUN, TIMELINE
+from timelines.experiments.accounting import Timing
+from timelines.experiments.executive import Sent
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from contextpolicy.streams.recorded_message import Recorded
 
-
-class Done(NamedTuple):
-    """An input that a task has done: when it was published, taken and done (Unix seconds), and the CPU (seconds)."""
-
-    input: str
-    stamp: int
-    started: float
-    finished: float
-    cpu: float
+RUN, MESSAGES = "run.json", "run.mcap"
 
 
 class Result(NamedTuple):
@@ -38,101 +29,82 @@ class Result(NamedTuple):
 
 
 class Counters(NamedTuple):
-    """A container's cgroup at a moment: the limit in cores (None: no limit), CPU used and throttled, in seconds."""
+    """A container's CPU so far, in seconds, at a moment (Unix seconds)."""
 
     at: float
-    limit: float | None
     usage: float
-    throttled: float
-
-
-class Stretch(NamedTuple):
-    """A part of the story, in seconds since it began, and whether the robot moves in it."""
-
-    name: str
-    start: float
-    end: float
-    moving: bool
 
 
 @dataclass(eq=False)
 class RunData:
-    """One run, unchanged once it is read; stamps are in ns since 1970, `started` and `ended` in Unix seconds."""
+    """One run, unchanged once it is read; stamps are in ns since 1970, moments in Unix seconds."""
 
-    configuration: str
-    title: str
     started: float
-    ended: float
-    """When the inputs ended."""
-    drained: bool = True
-    pace: float = 1.0
-    """Seconds of the story that passed in one second."""
-    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Of each task: the key of each input."""
-    deadlines: Mapping[str, float | None] = field(default_factory=dict)
-    stretches: list[Stretch] = field(default_factory=list)
+    about: Mapping[str, Any] = field(default_factory=dict)
+    starts: Mapping[str, float] = field(default_factory=dict)
+    """Of each key: when the inputs began that it belongs to; not `started` where each task was played by itself."""
     published: Mapping[str, list[int]] = field(default_factory=dict)
     """Of each key: the stamps that the player gave."""
-    done: dict[str, list[Done]] = field(default_factory=lambda: defaultdict(list))
+    dropped: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """Of each task's inputs: how many it has dropped in all."""
+    orders: list[Sent] = field(default_factory=list)
+    """What the executive ordered of the wheels."""
+    done: dict[tuple[str, str], dict[int, Timing]] = field(default_factory=lambda: defaultdict(dict))
+    """Of each task and input, by stamp."""
     results: dict[str, list[Result]] = field(default_factory=lambda: defaultdict(list))
     """Of each key that a task publishes on, in the order in which they were heard."""
     plans: list[dict[str, Any]] = field(default_factory=list)
     counters: dict[str, list[Counters]] = field(default_factory=lambda: defaultdict(list))
-    about: dict[str, Any] = field(default_factory=dict)
 
-    def story_time(self, moment: float) -> float:
-        """Seconds of the story at a moment (Unix seconds)."""
-        return (moment - self.started) * self.pace
+    def spans(self) -> Iterator[tuple[float, float, dict[str, Any]]]:
+        """Each plan with the time from which it held, and until when."""
+        plans = sorted(self.plans, key=lambda plan: (plan.get("run", 0), plan["sequence"], plan.get("edition", 0)))
+        begins = [_began(plan) for plan in plans]
+        yield from zip(begins, [*begins, float("inf")][1:], plans, strict=True)
+
+    def away(self, task: str) -> list[tuple[float, float]]:
+        """When the plans suspended a task."""
+        found = self.spans()
+        return [(begin, end) for begin, end, plan in found if plan["tasks"].get(task, {}).get("suspended")]
 
 
 def read_run(folder: Path) -> RunData:
     """Read a finished run; RecordingError if its recording can't be read."""
     about = json.loads((folder / RUN).read_text(encoding="utf-8"))
-    player = about["player"]
-    run = RunData(about["configuration"], about["title"], player["started"], player["finished"], about["drained"])
-    run.about, run.inputs, run.published = about, about["inputs"], about["stamps"]
-    run.pace = about.get("pace", 1.0)
-    run.deadlines = {task: None if text is None else parse_duration(text) for task, text in about["deadlines"].items()}
-    run.stretches = [
-        Stretch(phase.name, phase.start, phase.end, _moving(phase.truth)) for phase in load(folder / TIMELINE).phases
-    ]
+    run = RunData(about["started"], about, about["starts"], about["stamps"], about["dropped"])
+    run.orders = [Sent(*one) for one in about["orders"]]
     recording = open_recording(folder / MESSAGES, Excerpt())
     for message in recording.messages(recording.topics, recording.begin, recording.end):
         _take(run, message)
     return run
 
 
-def _moving(truth: object) -> bool:
-    return isinstance(truth, dict) and bool(truth.get("moving"))
+def _began(plan: Mapping[str, Any]) -> float:
+    """When the sample that led to a plan arrived; of a plan that was asked for, when it was made."""
+    return float(plan.get("trigger", plan["time"]))
 
 
 def _take(run: RunData, message: Recorded) -> None:
     parts = message.topic.split("/")
     if parts[0] == "robot" and parts[-1] == "runs":
-        run.done[parts[1]] += map(_done, json.loads(message.payload))
-    elif (
-        parts[0] == "robot" and parts[1] in run.inputs and parts[-1] not in _OWN and message.topic not in run.published
-    ):
-        run.results[message.topic].append(_result(message))
+        for timing in json.loads(message.payload):
+            run.done[parts[1], timing["input"]][timing["stamp"]] = _timing(timing)
+    elif parts[0] == "robot" and parts[1] in run.dropped and _is_result(run, message.topic):
+        value = json.loads(message.payload)
+        run.results[message.topic].append(Result(value.get("stamp", message.at) / 1e9, message.at / 1e9, value))
     elif parts[0] == "cgroup":
-        run.counters[parts[1]].append(_counters(message.at / 1e9, json.loads(message.payload)))
+        run.counters[parts[1]].append(Counters(message.at / 1e9, json.loads(message.payload)["usage"]))
     elif parts[0] == "contextpolicy" and parts[-1] == "plan" and message.payload:
         run.plans.append(json.loads(message.payload))
 
 
-_OWN = ("health", "alive", "profile")
-"""What robotkit reports of a task, beside its results."""
+_OWN = ("health", "alive", "profile", "order")
+"""What robotkit reports of a task, and what it is told, beside its results."""
 
 
-def _result(message: Recorded) -> Result:
-    value = json.loads(message.payload)
-    return Result(value.get("stamp", message.at) / 1e9, message.at / 1e9, value)
+def _is_result(run: RunData, key: str) -> bool:
+    return key not in run.published and key.rpartition("/")[2] not in _OWN
 
 
-def _done(timing: Mapping[str, Any]) -> Done:
-    started, finished = timing["started"] / 1e9, timing["finished"] / 1e9
-    return Done(timing["input"], timing["stamp"], started, finished, timing["cpu"] / 1e9)
-
-
-def _counters(at: float, value: Mapping[str, Any]) -> Counters:
-    return Counters(at, value["limit"], value["usage"], value.get("throttledTime", 0.0))
+def _timing(value: Mapping[str, Any]) -> Timing:
+    return Timing(value["finished"] / 1e9, value["cpu"] / 1e9, value["dropped"])

@@ -9,76 +9,56 @@ import platform
 import shutil
 import threading
 import time
+from contextlib import nullcontext
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
 from robotkit.profile import processor
-from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import installation
+from timelines.experiments.calm import busy_seconds, wait_until_calm
+from timelines.experiments.executive import Executive
+from timelines.experiments.gate import Gate
+from timelines.experiments.healths import Healths
+from timelines.experiments.raw_data import MESSAGES, RUN
+from timelines.experiments.schedules import inputs_of
+from timelines.experiments.slowed import slowed
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
-from timelines.replay.player import Options, TimelineInputs, publish
+from timelines.replay.player import Report, TimelineInputs, publish
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     import zenoh
 
     from contextpolicy.streams.timeline import Timeline
-    from timelines.experiments.trials import Trial
-    from timelines.replay.player import Report
+    from timelines.experiments.blocks import Trial
 
-RUN, MESSAGES, TIMELINE, PROFILES = "run.json", "run.mcap", "timeline.json", "profiles.json"
-HEALTH, PROFILE = "robot/*/health", "robot/*/profile"
-PATIENCE = 120.0
-"""Seconds to wait for modules that start, and for queues that empty."""
-CALM = 3.0
-"""Seconds between the start of pods and policy, which Kubernetes works on, and the first input."""
+PROFILE = "robot/*/profile"
 SETTLING = 2.0
 """Seconds after the last input before an empty queue counts: a starved task fetches late what was sent to it."""
 
 
-class Healths:
-    """The latest health message of each task, as a session hears them."""
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What a run happens under: its timeline and recordings, the part of each processor that is left (see `slowed`),
+    and the searched weights of a configuration that has static ones."""
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self.session = session
-        self._changed = threading.Condition()
-        self._latest: dict[str, dict[str, Any]] = {}
-        session.declare_subscriber(HEALTH, self._hear)
-
-    def _hear(self, sample: zenoh.Sample) -> None:
-        """Take one message."""
-        with self._changed:
-            self._latest[str(sample.key_expr).split("/")[1]] = json.loads(sample.payload.to_bytes())
-            self._changed.notify_all()
-
-    def wait_until_ready(self) -> None:
-        """Wait until all tasks of the robot are idle; DeployError if one does not report."""
-        if not self.wait_for_all(deploy.TASKS, time.time()):
-            raise deploy.DeployError(
-                f"not all of {', '.join(deploy.TASKS)} reported their health within {PATIENCE:g} s"
-            )
-
-    def wait_for_all(self, tasks: tuple[str, ...], since: float) -> bool:
-        """Wait until each task has said, after `since` (Unix seconds), that nothing waits; False if one does not."""
-        with self._changed:
-            return self._changed.wait_for(lambda: all(idle(self._latest.get(task), since) for task in tasks), PATIENCE)
+    timeline: Path
+    datasets: Path
+    part: float
+    weights: Mapping[str, int]
 
 
-def idle(health: Mapping[str, Any] | None, since: float) -> bool:
-    """Whether a task was idle, or suspended, when it said so after `since`."""
-    return health is not None and health["stamp"] > since * 1e9 and (health["suspended"] or not health["queue"])
-
-
-def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path, policy: Path = installation.POLICY) -> None:
+def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
     """Do the run and keep its raw data; the folder counts as finished once it has a run.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    wanted = installation.policy_document(trial.pace, policy)
-    installation.start_robot(trial.configuration, wanted, folder)
+    installation.start_robot(trial, conditions.weights, folder)
     try:
         with (
             installation.session(trial.configuration, "sensor") as sensors,
@@ -86,10 +66,11 @@ def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path, policy: 
         ):
             healths = Healths(viewer)
             healths.wait_until_ready()
-            installation.decide(trial.configuration, wanted, folder)
-            about = _record(trial, TimelineSource(load(timeline), datasets), folder, sensors, healths)
-        shutil.copyfile(timeline, folder / TIMELINE)
-        (folder / RUN).write_text(json.dumps(about, indent=1), encoding="utf-8")
+            gate: AbstractContextManager[object] = Gate(viewer) if trial.configuration.relayed else nullcontext()
+            with gate:
+                installation.decide(trial, folder)
+                about = _Recording(trial, conditions, sensors, viewer, healths).make(folder)
+        (folder / RUN).write_text(json.dumps(about), encoding="utf-8")
     finally:
         installation.stop_robot()
 
@@ -112,66 +93,76 @@ class TimelineSource:
             return
         played: set[str] = set()
         for task in deploy.TASKS:
-            own = [key for key in _inputs(task).values() if key not in played]
+            own = [key for key in inputs_of(task).values() if key not in played]
             inputs = TimelineInputs(self._story, self._datasets, own)
             if own and inputs.encodings:
                 played |= inputs.encodings.keys()
                 yield inputs
 
 
-def _record(
-    trial: Trial, source: TimelineSource, folder: Path, sensors: zenoh.Session, healths: Healths
-) -> dict[str, Any]:
-    viewer = healths.session
-    time.sleep(CALM)
-    load_before, busy_before = os.getloadavg(), _busy()
-    reports, drained = [], True
-    with McapWriter(folder / MESSAGES) as file:
-        with BusRecorder(viewer, file, installation.cgroups(), without_payload=source.recorded):
-            for inputs in source.parts(alone=trial.configuration.alone):
-                reports.append(publish(inputs, sensors, stop=threading.Event(), options=Options(rate=trial.pace)))
-                drained &= healths.wait_for_all(deploy.TASKS, reports[-1].finished + SETTLING)
-            busy = _busy() - busy_before
-            profiles = _profiles(viewer)
-        file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
-    (folder / PROFILES).write_text(json.dumps(document(profiles, dt.datetime.now(dt.UTC)), indent=1), encoding="utf-8")
-    return {
-        "configuration": trial.configuration.name,
-        "title": trial.configuration.title,
-        "pace": trial.pace,
-        "adaptive": any(one.get("adaptive", False) for one in profiles),
-        **_played(reports),
-        "counted": {one["task"]: {name: own["done"] for name, own in one["inputs"].items()} for one in profiles},
-        "drained": drained,
-        "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
-        "machine": _machine(),
-        "busy": round(busy, 2),
-        "load": {"before": load_before, "after": os.getloadavg()},
-        "inputs": {task: _inputs(task) for task in deploy.TASKS},
-        "deadlines": {task: installation.module_file(task)["needs"].get("deadline") for task in deploy.TASKS},
-    }
+class _Recording:
+    """Plays, and records what follows."""
+
+    def __init__(  # noqa: PLR0913, PLR0917 - who takes part in it
+        self,
+        trial: Trial,
+        conditions: Conditions,
+        sensors: zenoh.Session,
+        viewer: zenoh.Session,
+        healths: Healths,
+    ) -> None:
+        self._trial, self._conditions, self._sensors, self._viewer = trial, conditions, sensors, viewer
+        self._healths = healths
+        self._source = TimelineSource(load(conditions.timeline), conditions.datasets)
+
+    def make(self, folder: Path) -> dict[str, Any]:
+        """Record the run, and say what else has to be known of it."""
+        calm, busy, began = wait_until_calm(), busy_seconds(), time.monotonic()
+        with slowed(self._conditions.part), McapWriter(folder / MESSAGES) as file:
+            with (
+                BusRecorder(self._viewer, file, installation.cgroups(), without_payload=self._source.recorded),
+                Executive(self._viewer, self._sensors) as executive,
+            ):
+                reports, drained = self._play()
+            took, profiles = time.monotonic() - began, _profiles(self._viewer)
+            file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
+        about = {
+            "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
+            "machine": _machine(),
+            "load": calm,
+            "part": self._conditions.part,
+            "seconds": round(took, 2),
+            "busy": round(busy_seconds() - busy, 2),
+            "stolen": round((1 - self._conditions.part) * (os.cpu_count() or 1) * took, 2),
+            "drained": drained,
+        }
+        return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
+
+    def _play(self) -> tuple[list[Report], bool]:
+        reports, drained = [], True
+        for inputs in self._source.parts(alone=self._trial.configuration.alone):
+            reports.append(publish(inputs, self._sensors, stop=threading.Event()))
+            drained &= self._healths.wait_for_all(deploy.TASKS, reports[-1].finished + SETTLING)
+        return reports, drained
 
 
 def _played(reports: list[Report]) -> dict[str, Any]:
-    """What was published: stamps by key, and the player's own words on the first part, with the last one's end."""
-    stamps = {key: own for report in reports for key, own in report.stamps.items()}
-    return {"player": reports[0].as_json() | {"finished": reports[-1].finished}, "stamps": stamps}
+    """What was published: stamps by key, and when the inputs began that each key belongs to."""
+    return {
+        "started": reports[0].started,
+        "starts": {key: report.started for report in reports for key in report.stamps},
+        "stamps": {key: own for report in reports for key, own in report.stamps.items()},
+    }
+
+
+def _heard(profiles: list[dict[str, Any]]) -> dict[str, Any]:
+    """What the tasks say that they dropped."""
+    found = {one["task"]: {name: own["dropped"] for name, own in one["inputs"].items()} for one in profiles}
+    return {"dropped": found}
 
 
 def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:
-    """What each task says that its inputs cost: for predictions, and to check the recording against its counts."""
     return [json.loads(reply.ok.payload.to_bytes()) for reply in session.get(PROFILE, timeout=10.0) if reply.ok]
-
-
-def _inputs(task: str) -> dict[str, str]:
-    return {name: entry["key"] for name, entry in installation.module_file(task)["inputs"].items()}
-
-
-def _busy() -> float:
-    """CPU seconds that the whole machine has spent on anything, user and kernel, since it was booted."""
-    with open("/proc/stat", encoding="ascii") as file:  # noqa: PTH123 - a file of the kernel
-        user, nice, system, _idle, _waiting, hard, soft, *_ = map(int, file.readline().split()[1:])
-    return (user + nice + system + hard + soft) / os.sysconf("SC_CLK_TCK")
 
 
 def _machine() -> dict[str, Any]:

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from statistics import median
 from typing import TYPE_CHECKING
 
-from timelines.experiments import goals, installation, measures, prediction
-from timelines.experiments.goals import CRITICAL
-from timelines.experiments.intervals import of_ratios, short, spread
-from timelines.experiments.measures import Fate
+from timelines.experiments import rates
+from timelines.experiments.accounting import Ending
+from timelines.experiments.blocks import HEAVY
+from timelines.experiments.configurations import ALONE, CONFIGURATIONS, LINUX, PAPERS
+from timelines.experiments.goals import SPEEDUP
+from timelines.experiments.paired import bootstrap
+from timelines.experiments.stories import HELD_OUT, PAPER, PROTECTED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from timelines.experiments.goals import Verdict
-    from timelines.experiments.measures import Response
-    from timelines.experiments.raw_data import RunData
-    from timelines.experiments.series import Series
+    from timelines.experiments.evidence import Evidence
+    from timelines.experiments.metrics import Run
+    from timelines.experiments.paired import Interval
+    from timelines.experiments.verdicts import Verdict
 
 NONE = "-"
-_WORDS = {True: "met", False: "**missed**", None: "unsure"}
+_WORDS = {True: "met", False: "**missed**", None: "not measured"}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -28,122 +30,154 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def goal_table(found: Iterable[Verdict]) -> str:
-    """Each goal, what was measured, and whether it is met."""
-    return table(["goal", "measured", ""], [[one.goal, one.measured, _WORDS[one.met]] for one in found])
+def short(value: float) -> str:
+    """Three digits, and never an exponent."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{float(f'{value:.3g}'):.3f}".rstrip("0").rstrip(".") or "0"
 
 
-def overview(series: Series) -> str:
-    """Total time and what it was spent on, by configuration."""
+def percent(found: Interval | None) -> str:
+    """A rate with its interval."""
+    if found is None:
+        return NONE
+    around = f" [{100 * found.low:.1f}, {100 * found.high:.1f}]" if found.low != found.high else ""
+    return f"{100 * found.mean:.1f}{around}"
+
+
+def held_out(evidence: Evidence, load: str) -> dict[str, list[Run]]:
+    """The runs of the held-out stories under a load, by configuration, in their order."""
+    found = {
+        name: [run for story in HELD_OUT for run in evidence.of(load, story.name, name)] for name in CONFIGURATIONS
+    }
+    return {name: runs for name, runs in found.items() if runs}
+
+
+def goals(found: Iterable[Verdict]) -> str:
+    """Each goal with its least sure case."""
     rows = []
-    for name in series.runs:
-        own = series.of(name)
-        fates = [measures.counts(run, task) for run in own for task in run.inputs]
-        times = [moment * 1000 for run in own for moment in measures.reactions(run)]
-        rows.append(
-            [
-                own[0].title,
-                over(own, measures.total_time, "s"),
-                _ratio(series, name, goals.speedup),
-                _ratio(series, name, goals.on_equal_work),
-                *(f"{sum(count[fate] for count in fates) / len(own):.0f}" for fate in Fate),
-                f"{median(times):.0f} ms ({len(times)})" if times else NONE,
-                *(over(own, cpu_of(container), "s") for container in installation.CONTROL),
-                _others(own),
-            ]
-        )
-    head = ["", "total time", "speedup", "on equal work", *(f"inputs {fate}" for fate in Fate), "sample to cgroup"]
-    return table([*head, *(f"CPU of the {name}" for name in installation.CONTROL), "CPU of all else"], rows)
-
-
-def _others(runs: Sequence[RunData]) -> str:
-    """Kubernetes carries out what is decided: what that takes shows in the difference between configurations."""
-    found = [measures.cpu_of_others(run, [*run.inputs, *installation.CONTROL]) for run in runs]
-    known = [seconds for seconds in found if seconds is not None]
-    return f"{spread(known)} s" if known else NONE
-
-
-def critical(series: Series) -> str:
-    """How the critical task answers while the robot moves and while it stands."""
-    rows = []
-    for name in series.runs:
-        own = series.of(name)
-        cells = [own[0].title]
-        for moving in (True, False):
-            cells += _response([measures.response(run, CRITICAL, moving=moving) for run in own])
-        ratios = [measures.over_ideal(series.ideal, run, CRITICAL, moving=True) for run in own] if series.ideal else []
-        known = [ratio for ratio in ratios if ratio]
-        rows.append([*cells, f"{of_ratios(known)} x" if known else NONE])
-    states = [f"{what}, robot {state}" for state in ("moves", "stands") for what in ("p50", "p99", "missed", "due")]
-    return table(["", *states, "p50 over the ideal's, robot moves"], rows)
-
-
-def tasks(series: Series) -> str:
-    """What became of each task's inputs."""
-    rows = []
-    for task in series.first.inputs:
-        for name in series.runs:
-            own = series.of(name)
-            fates = [measures.counts(run, task) for run in own]
-            p50, p99, missed, _ = _response([measures.response(run, task) for run in own])
-            counts = [f"{median(count[fate] for count in fates):.0f}" for fate in Fate]
-            ends = [end for run in own if (end := measures.task_time(run, task)) is not None]
-            done = f"{spread(ends)} s" if ends else NONE
-            rows.append([task, own[0].title, *counts, done, p50, p99, missed, over(own, cpu_of(task), "s")])
-    return table(["task", "", *Fate, "done after", "p50", "p99", "missed", "CPU"], rows)
-
-
-def accuracies(series: Series) -> str:
-    """How right each task was, a column each."""
-    judged = [task for task in series.first.inputs if any(task in one for one in series.accuracies.values())]
-    head, rows = [""], []
-    for task in judged:
-        first = next(one[task] for one in series.accuracies.values() if task in one)
-        head.append(f"{task}: {first.measure} ({first.unit})")
-    for name in series.runs:
-        cells = []
-        for task in judged:
-            found = [own[task] for run in series.of(name) if task in (own := series.accuracies[run])]
-            cells.append(f"{spread([one.value for one in found])} of {found[0].count}" if found else NONE)
-        rows.append([series.of(name)[0].title, *cells])
+    for one in found:
+        case, title = one.worst, CONFIGURATIONS[one.goal.configuration].title
+        measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
+        gain = f"{case.gain.mean:+.3g} [{case.gain.low:+.3g}, {case.gain.high:+.3g}]" if case else NONE
+        rows.append([one.goal.load, one.goal.name, title, measured, gain, f"{one.probability:.3g}", _WORDS[one.met]])
+    head = ["load", "goal", "configuration", "least sure case", "better than asked by", "p (Holm)", ""]
     return table(head, rows)
 
 
-def predictions(series: Series) -> str:
-    """What `simulate --profiles` says of each decided run, beside what was measured; empty if there is none."""
+def cases(verdict: Verdict) -> str:
+    """Each case of a goal: both values, by how much it is better than asked, and its own probability."""
+    rows = [
+        [one.name, short(one.value), short(one.base), f"{one.gain.mean:+.3g} [{one.gain.low:+.3g}, {one.gain.high:+.3g}]",
+         f"{one.probability:.3g}"]
+        for one in verdict.cases
+    ]  # fmt: skip
+    return table(["", "value", "against", "better than asked by", "p"], rows)
+
+
+def of_load(evidence: Evidence, load: str) -> str:
+    """A row for each configuration: hit rates in percent, and CPU seconds a run. Empty without runs."""
+    found = held_out(evidence, load)
+    about = rates.by_context(run.schedule for runs in found.values() for run in runs)
+    head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
     rows = []
-    for run in series.each():
-        for one in prediction.compare(run, series.folders[run]):
-            off = 100 * (one.p50[0] / one.p50[1] - 1)
-            apart = 100 * (one.misses[0] - one.misses[1])
-            p50 = [f"{short(1000 * value)} ms" for value in one.p50]
-            part = [f"{short(100 * value)} %" for value in one.misses]
-            rows.append([run.title, one.task, *p50, f"{off:+.0f} %", *part, f"{apart:+.1f}"])
-    head = ["", "task", "p50 predicted", "measured", "off by", "misses predicted", "measured", "points apart"]
-    return table(head, rows) if rows else ""
+    for name, runs in found.items():
+        hits = [percent(rates.critical(runs, context, task)) for context, task in about.items()]
+        hits += [percent(rates.whole(runs, task)) for task in PROTECTED]
+        rows.append([CONFIGURATIONS[name].title, _blocks(runs), *hits, *_cpu(name, runs)])
+    return table([*head, "CPU of the tasks", "of the control", "of all else"], rows) if rows else ""
 
 
-def cpu_of(container: str) -> Callable[[RunData], float]:
-    """CPU seconds that a container used."""
-    return lambda run: measures.cpu_seconds(run, container)
+def _blocks(runs: Sequence[Run]) -> str:
+    return str(len({run.record.block for run in runs}))
 
 
-def over(runs: Sequence[RunData], measure: Callable[[RunData], float], unit: str) -> str:
-    """A measure over repeats."""
-    return f"{spread([measure(run) for run in runs])} {unit}"
+def _cpu(name: str, runs: Sequence[Run]) -> list[str]:
+    """Where each task is played by itself, a run is as many times as long: its CPU compares with nobody's."""
+    if name == ALONE.name:
+        return [NONE] * 3
+    tasks = runs[0].schedule.inputs
+    seconds = (rates.used(runs, tasks), rates.used(runs, rates.CONTROL), rates.used_by_all_else(runs))
+    return [f"{value:.1f} s" for value in seconds]
 
 
-def _ratio(series: Series, name: str, compare: Callable[[RunData, RunData], float]) -> str:
-    values = series.paired(name, compare)
-    return f"{of_ratios(values)} x" if values else NONE
+def chains(evidence: Evidence, load: str) -> str:
+    """From the camera, and from a spoken "stop", to the wheels."""
+    rows = []
+    for name, runs in held_out(evidence, load).items():
+        if name == ALONE.name:
+            continue  # nobody hears the mission there
+        part, middle, most = rates.commands(runs, "drive")
+        said, heard, stop = rates.stops(runs)
+        times = [NONE if one is None else f"{1000 * one:.0f} ms" for one in (middle, most, stop)]
+        rows.append([CONFIGURATIONS[name].title, f"{100 * part:.1f} %", *times[:2], f"{heard} of {said}", times[2]])
+    head = ["", "frames that led to a wheel command", "camera to wheels, median", "99 %"]
+    return table([*head, "spoken stops that stopped the wheels", "from the word's end, median"], rows) if rows else ""
 
 
-def _response(found: Sequence[Response]) -> list[str]:
-    medians = [one.p50 * 1000 for one in found if one.p50 is not None]
-    tails = [one.p99 * 1000 for one in found if one.p99 is not None]
-    return [
-        f"{spread(medians)} ms" if medians else NONE,
-        f"{spread(tails)} ms" if tails else NONE,
-        f"{spread([one.misses * 100 for one in found])} %",
-        f"{median(one.due for one in found):.0f}",
+def endings(evidence: Evidence, load: str) -> str:
+    """How the inputs of every task ended, in percent of what was due, whether its context wants it or not."""
+    rows = []
+    for name, runs in held_out(evidence, load).items():
+        for task in runs[0].schedule.inputs:
+            counts = rates.endings(runs, task)
+            due = sum(counts.values())
+            parts = [f"{100 * counts[ending] / due:.1f}" if due else NONE for ending in Ending]
+            wanted = percent(rates.whole(runs, task))
+            rows.append([task, CONFIGURATIONS[name].title, f"{due:.0f}", *parts, wanted])
+    return table(["task", "", "due", *Ending, "hit, of those wanted"], sorted(rows, key=lambda row: row[0]))
+
+
+def onsets(evidence: Evidence, load: str) -> str:
+    """The critical task at the begin of its context, and after it."""
+    rows = []
+    for name, runs in held_out(evidence, load).items():
+        for context, task in rates.by_context(run.schedule for run in runs).items():
+            found = rates.onset(runs, context, task)
+            if found:
+                rows.append([CONFIGURATIONS[name].title, f"{context}: {task}", *(f"{100 * one:.1f}" for one in found)])
+    return table(["", "", "first second", "after it"], rows)
+
+
+def accuracies(evidence: Evidence, load: str) -> str:
+    """How right each task was: the mean over blocks."""
+    rows = []
+    for name, runs in held_out(evidence, load).items():
+        for task, (measure, unit) in _judged(runs).items():
+            values = [one.record.accuracy[task][1] for one in runs if task in one.record.accuracy]
+            interval = bootstrap(values)
+            around = f"{short(interval.mean)} [{short(interval.low)}, {short(interval.high)}]"
+            rows.append([f"{task}: {measure}", CONFIGURATIONS[name].title, f"{around} {unit}", str(len(values))])
+    return table(["", "", "mean", "runs"], sorted(rows, key=lambda row: row[0]))
+
+
+def _judged(runs: Sequence[Run]) -> Mapping[str, tuple[str, str]]:
+    return {task: (one[0], one[2]) for run in runs for task, one in run.record.accuracy.items()}
+
+
+def player(evidence: Evidence, load: str) -> str:
+    """How late the player was itself, and how busy the machine was before."""
+    rows = []
+    for name, runs in held_out(evidence, load).items():
+        middle, most = rates.lateness(runs)
+        busiest = max(run.record.about["load"] for run in runs)
+        rows.append([CONFIGURATIONS[name].title, f"{middle:.1f} ms", f"{most:.1f} ms", f"{100 * busiest:.0f} %"])
+    return table(["", "player late, median", "99 %", "busiest before a run"], rows)
+
+
+def speedups(evidence: Evidence) -> Iterator[tuple[str, str, Interval]]:
+    """The paper's measure, block by block: total time of Linux default divided by the configuration's."""
+    for story in PAPER:
+        for one in PAPERS:
+            pairs = [pair for _, pair in evidence.pairs(HEAVY, one.name, LINUX.name, [story])]
+            ratios = [pair.base.about["finished"] / pair.record.about["finished"] for pair in pairs]
+            if ratios and one is not LINUX:
+                yield story.name, one.title, bootstrap(ratios)
+
+
+def papers(evidence: Evidence) -> str:
+    """Total times, beside the paper's own figure. Empty without runs."""
+    rows = [
+        [story, title, f"{found.mean:.2f} [{found.low:.2f}, {found.high:.2f}]", str(found.pairs)]
+        for story, title, found in speedups(evidence)
     ]
+    return table(["", "", f"times as fast as Linux default (the paper: up to {SPEEDUP})", "blocks"], rows) if rows else ""
+

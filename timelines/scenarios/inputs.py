@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from timelines.datasets import corridor, euroc, side_view
+from timelines.datasets import corridor, euroc
 from timelines.datasets.motion import GRAVITY
 from timelines.datasets.readers import CHUNK_S
+from timelines.scenarios import mission
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,7 +51,7 @@ def timeline(scenario: Scenario) -> dict[str, Any]:
             *_imu(scenario),
             *_level(scenario),
             *_scans(scenario),
-            *_drive(scenario),
+            *(_mission(scenario) if scenario.has_mission else _drive(scenario)),
             *_arm(scenario),
         ],
     }
@@ -68,7 +69,7 @@ def _recordings(scenario: Scenario) -> Iterator[Entry]:
     yield {**stereo, "rate": scenario.camera_rate, "truth": {"poses": poses}}
     signs = [{"from": plate.at, "to": plate.until, "text": plate.text} for plate in scenario.side_view.plates]
     side = {"key": "robot/camera/side", "encoding": "binary", **whole, "dataset": f"signs/{name}"}
-    yield {**side, "rate": side_view.RATE, "truth": {"signs": signs}}
+    yield {**side, "rate": scenario.side_rate, "truth": {"signs": signs}}
     words = [{"at": said.at, "keyword": said.keyword} for said in scenario.script.utterances]
     sound = {"key": "robot/microphone", "encoding": "binary", **whole, "dataset": f"speech/{name}"}
     yield {**sound, "rate": 1 / CHUNK_S, "truth": words}
@@ -142,11 +143,27 @@ def _drive(scenario: Scenario) -> Iterator[Entry]:
         yield _once("robot/navigation/order", end, {"stop": True}, {"doing": "stopped"})
 
 
+def _mission(scenario: Scenario) -> Iterator[Entry]:
+    """No orders for the wheels: who hears the mission makes them of poses and commands, as the tasks find them."""
+    for phase in scenario.phases:
+        value = {"does": phase.does, "forward": scenario.speed if phase.moves else 0.0}
+        yield _held(mission.KEY, phase.start, phase.end, mission.RATE, value, {"does": phase.does})
+
+
 def _arm(scenario: Scenario) -> Iterator[Entry]:
     for phase in scenario.phases:
+        yield from _followed(phase)
         for order in phase.arm:
             truth = {"doing": next((ended for name, ended in _ENDS.items() if name in order.order), "arrived")}
             yield _once("robot/arm/order", order.at, order.order, truth)
+
+
+def _followed(phase: Phase) -> Iterator[Entry]:
+    """A camera's orders to follow something that circles slowly, inside of the arm's reach."""
+    for index in range(math.ceil((phase.end - phase.start) * phase.follows - 1e-9)):
+        at = index / phase.follows
+        place = [round(150 + 8 * math.cos(at), 1), round(20 * math.sin(at), 1), 50.0]
+        yield _once("robot/arm/order", round(phase.start + at, 6), {"move": place}, {"follows": True})
 
 
 _ENDS = {"stop": "stopped", "relax": "relaxed"}

@@ -12,7 +12,9 @@ from contextpolicy.policy.validation.documents import DocumentError, read
 from modules.speech.synthesis import VOICES
 from timelines.datasets.motion import Motion
 from timelines.datasets.side_view import PLATE_TEXT, Plate, SideView
+from timelines.datasets.side_view import RATE as SIDE_RATE
 from timelines.datasets.speech import COMMANDS, Script, Utterance
+from timelines.scenarios import mission
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -41,12 +43,17 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A stretch in which the robot moves all the time, or never."""
+    """A stretch in which the robot moves all the time, or never.
+
+    `does` is what its mission says it does; `follows` how many orders a second the arm gets to follow something.
+    """
 
     name: str
     start: float
     end: float
     moves: bool
+    does: str = ""
+    follows: float = 0.0
     says: tuple[Utterance, ...] = ()
     sees: tuple[Plate, ...] = ()
     arm: tuple[Order, ...] = ()
@@ -54,13 +61,14 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One story. `camera_rate` is the stereo camera's in Hz, `speed` that of the moving robot in m/s."""
+    """One story. `camera_rate` is the stereo camera's in Hz, `side_rate` the side camera's, `speed` the robot's in m/s."""
 
     name: str
     description: str
     phases: tuple[Phase, ...]
     speed: float = SPEED
     camera_rate: float = CAMERA_RATE
+    side_rate: float = SIDE_RATE
 
     @property
     def duration(self) -> float:
@@ -86,7 +94,13 @@ class Scenario:
     @property
     def side_view(self) -> SideView:
         """What the side camera sees."""
-        return SideView(self.duration, tuple(plate for phase in self.phases for plate in phase.sees))
+        plates = tuple(plate for phase in self.phases for plate in phase.sees)
+        return SideView(self.duration, plates, rate=self.side_rate)
+
+    @property
+    def has_mission(self) -> bool:
+        """Whether a mission drives the robot, by what its modules find out, instead of a person with orders."""
+        return any(phase.does for phase in self.phases)
 
 
 def shipped() -> dict[str, Scenario]:
@@ -119,6 +133,7 @@ def parse(body: object, *, subject: str = "scenario", findings: list[Finding] | 
         phases=tuple(_phases(fields.nested_list("phases", limit=MOST))),
         speed=_above_zero(fields, "speed", SPEED, most=0.5, unit="m/s"),
         camera_rate=_above_zero(fields, "camera", CAMERA_RATE, most=60.0, unit="Hz"),
+        side_rate=_above_zero(fields, "side_camera", SIDE_RATE, most=30.0, unit="Hz"),
     )
     fields.close()
     if not scenario.phases and not found:
@@ -138,6 +153,8 @@ def _phases(listed: list[Fields]) -> Iterator[Phase]:
             start=start,
             end=start + length,
             moves=fields.flag("moves"),
+            does=_one_of(fields, "does", mission.KINDS, "") if "does" in fields else "",
+            follows=_above_zero(fields, "follows", None, most=20.0, unit="Hz") if "follows" in fields else 0.0,
             says=tuple(phase.events("says", phase.said)),
             sees=tuple(phase.events("sees", phase.seen)),
             arm=tuple(phase.events("arm", phase.order)),

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
-from timelines.experiments.accuracy import accuracy
+from contextpolicy.streams.timeline import parse
+from timelines.experiments.accuracy import Judge
+from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import Result, RunData
-from timelines.experiments.run import TIMELINE
 
 BEGIN = 1_795_300_000.0
 S = 1_000_000_000
@@ -35,16 +34,14 @@ TASKS = ("slam", "signs", "speech", "imu", "navigation", "arm")
 @pytest.fixture
 def judge(tmp_path):
     """Accuracies of a run whose tasks reported `results`: by key, (seconds of the run, message)."""
-    story = {"name": "walk", "duration": 20.0, "phases": PHASES, "inputs": INPUTS}
-    (tmp_path / TIMELINE).write_text(json.dumps(story), encoding="utf-8")
+    story = parse({"name": "walk", "duration": 20.0, "phases": PHASES, "inputs": INPUTS})
 
-    def judged(results, pace=1.0, plans=()):
-        run = RunData("x", "X", BEGIN, BEGIN + 20 / pace, pace=pace, inputs={task: {} for task in TASKS})
+    def judged(results, *windows):
+        run = RunData(BEGIN)
         for key, reported in results.items():
             run.results[key] = [Result(BEGIN + at, BEGIN + at, value) for at, value in reported]
-        run.published = {"robot/arm/order": [round((BEGIN + at / pace) * S) for at in (3, 14)]}
-        run.plans = list(plans)
-        return accuracy(run, tmp_path, tmp_path)
+        schedule = Schedule(20.0, {}, {task: {} for task in TASKS}, {}, windows or [Window(0, 20, (), frozenset())])
+        return Judge(story, schedule, tmp_path).accuracy(run)
 
     return judged
 
@@ -53,25 +50,16 @@ def keywords(*reported):
     return {"robot/speech/keyword": [(at + 1, {"keyword": word, "at": BEGIN + at}) for at, word in reported]}
 
 
-def plan(sequence, at, suspended=()):
-    tasks = {task: {"share": 1.0, "weight": 1.0, "suspended": task in suspended} for task in TASKS}
-    return {"run": 1, "sequence": sequence, "time": BEGIN + at, "contexts": [], "tasks": tasks}
-
-
-def test_commands_are_matched_by_word_and_time(judge):
+def test_commands_are_heard_by_their_word_and_time(judge):
     found = judge(keywords((2.1, "left"), (8.1, "left"), (19.8, "stop")))["speech"]
     assert (found.value, found.count) == (pytest.approx(100 / 3), 3)
 
 
-def test_speech_while_suspended_does_not_count(judge):
-    plans = [plan(1, -1), plan(2, 5, ["speech"]), plan(3, 12)]
-    found = judge(keywords((2.1, "left"), (16.1, "stop")), plans=plans)["speech"]
+def test_a_command_in_a_context_that_does_not_want_speech_is_not_due(judge):
+    moving = Window(5, 12, ("moving",), frozenset({"speech"}))
+    around = Window(0, 5, (), frozenset()), moving, Window(12, 20, (), frozenset())
+    found = judge(keywords((2.1, "left"), (16.1, "stop")), *around)["speech"]
     assert (found.value, found.count) == (100, 2)
-
-
-def test_at_twice_the_pace_the_story_is_over_in_half_the_time(judge):
-    found = judge(keywords((1.05, "left"), (4.05, "right"), (8.05, "stop")), pace=2.0)["speech"]
-    assert (found.value, found.count) == (100, 3)
 
 
 def test_a_sign_is_reported_while_it_is_in_view_or_soon_after(judge):

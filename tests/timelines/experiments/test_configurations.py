@@ -6,103 +6,118 @@ import pytest
 
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.quantities import parse_cpu
+from timelines.experiments import gate
+from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.configurations import (
-    ALL,
-    CFS,
-    LINUX_DEFAULT,
+    CONFIGURATIONS,
+    LIMITS_GATED,
+    LINUX,
+    LINUX_ADAPTIVE,
+    LINUX_GATED,
     STATIC,
-    UNSUSPENDED,
-    WEIGHT,
-    at_pace,
+    STATIC_GATED,
+    WEIGHTS,
+    WEIGHTS_GATED,
     autoscalers,
-    by_priority,
+    requests,
 )
+from timelines.experiments.healths import idle
 from timelines.experiments.installation import DEPTH, policy_document, values
-from timelines.experiments.run import idle
+from timelines.experiments.stories import HELD_OUT, PAPER
 
-POLICY = policy_document()
-
-
-def context(spec, name):
-    """The context of this name."""
-    return next(one for one in spec["contexts"] if one["name"] == name)
+POLICIES = {story.policy: policy_document(story) for story in (HELD_OUT[0], PAPER[0])}
+MISSION = POLICIES["mission"]
+WEIGHTS_FOUND = {"slam": 1024, "signs": 512, "speech": 512, "navigation": 256, "imu": 256, "arm": 2}
 
 
-@pytest.mark.parametrize("pace", [1.0, 4.0])
-@pytest.mark.parametrize("configuration", [one for one in ALL if one.policy], ids=lambda one: one.name)
-def test_every_variant_is_a_policy(configuration, pace):
-    policy = parse(configuration.variant(at_pace(POLICY, pace)))
-    assert policy.reference == "robot/whole-robot"
-    assert (policy.enforcement.scheduler == "Realtime") == configuration.realtime
-
-
-def test_a_faster_pace_scales_delays_and_bounds():
-    spec = at_pace(POLICY, 4.0)["spec"]
-    tasks = {task["name"]: task for task in spec["tasks"]}
-    assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("400m", "400m")
-    assert (tasks["speech"]["min"], tasks["speech"]["max"]) == ("50m", "300m")
-    assert context(spec, "moving")["enterAfter"] == "25ms"
-    assert [one["hold"] for one in spec["tasks"][0]["activity"]] == ["1250ms", "250ms"]
-    assert spec["streams"] == POLICY["spec"]["streams"]
-
-
-@pytest.mark.parametrize("pace", [1.0, 6.0])
-def test_no_task_gets_more_cpu_than_it_needs(pace):
-    """Navigation needs 13m at real pace, 28m at six times: at 600m, a third of the node would lie idle."""
-    shares = {task: parse_cpu(cpu["limit"]) for task, cpu in by_priority(at_pace(POLICY, pace), 2).items()}
-    assert shares["navigation"] == 100
-    assert shares["imu"] <= 400
-
-
-def test_the_shipped_policy_is_not_changed():
-    before = repr(POLICY)
-    for configuration in ALL:
-        configuration.variant(POLICY)
-    assert repr(POLICY) == before
-
-
-def variant(configuration):
-    resource = configuration.variant(POLICY)
+def variant(configuration, document=MISSION):
+    resource = configuration.variant(document)
     assert resource is not None
     return resource
 
 
-def test_shares_that_are_requests_fit_beside_those_of_other_pods():
-    """Operator and router request 100m each, drivers and guards 250m together."""
-    assert parse_cpu(variant(WEIGHT)["spec"]["reserve"]) >= 2 * 100 + 250
+@pytest.mark.parametrize("document", POLICIES.values(), ids=POLICIES)
+@pytest.mark.parametrize("configuration", CONFIGURATIONS.values(), ids=CONFIGURATIONS)
+def test_every_variant_is_a_policy(configuration, document):
+    resource = configuration.variant(document)
+    if resource is None:
+        assert not configuration.gated
+        return
+    policy = parse(resource)
+    assert policy.reference == "robot/whole-robot"
+    assert policy.mode.acts == configuration.contextual
+    assert (policy.enforcement.scheduler == "Realtime") == configuration.realtime
+    if configuration.control:
+        assert policy.enforcement.control == configuration.control
 
 
-def test_without_suspension_contexts_still_weight():
-    weights = {"slam": {"weight": 20}, "signs": {"weight": 5}}
-    assert context(variant(UNSUSPENDED)["spec"], "moving")["tasks"] == weights
-    assert "speech" in context(variant(CFS)["spec"], "moving")["tasks"]
+def suspensions(resource):
+    return {
+        context["name"]: sorted(task for task, change in context["tasks"].items() if change.get("suspend"))
+        for context in resource["spec"]["contexts"]
+    }
 
 
-def test_static_limits_divide_the_node_by_priority_within_bounds():
-    shares = {task: parse_cpu(cpu["limit"]) for task, cpu in by_priority(POLICY, 2).items()}
-    assert sum(shares.values()) == 1800  # two cores without the reserve
-    tasks = {task["name"]: task for task in POLICY["spec"]["tasks"]}
-    assert shares["navigation"] == parse_cpu(tasks["navigation"]["max"])
-    assert shares["signs"] == parse_cpu(tasks["signs"]["min"])
-    assert shares["slam"] > shares["arm"]  # priorities 10 and 5, none at a bound
+def test_gating_is_a_factor_of_its_own():
+    gated = suspensions(variant(LINUX_GATED))
+    assert gated == {"drive": ["arm"], "talk": ["signs"], "read": ["arm"], "grip": ["slam"]}
+    for configuration in (STATIC_GATED, WEIGHTS_GATED, LIMITS_GATED):
+        assert suspensions(variant(configuration)) == gated
+    assert suspensions(variant(WEIGHTS)) == dict.fromkeys(gated, [])
+    assert LINUX.variant(MISSION) is None
+    assert [one.relayed for one in (LINUX, LINUX_GATED, WEIGHTS_GATED)] == [False, True, False]
 
 
-def test_static_requests_leave_room_for_other_pods():
+def test_a_plan_that_is_only_reported_reaches_the_modules_as_one_that_is_carried_out():
+    assert gate.enforced(b'{"mode": "DryRun", "run": 1}') == b'{"mode": "Enforce", "run": 1}'
+
+
+def test_weights_have_no_max_and_limits_do():
+    assert not any("max" in task for task in variant(WEIGHTS_GATED)["spec"]["tasks"])
+    assert all("max" in task for task in variant(LIMITS_GATED)["spec"]["tasks"])
+
+
+def test_the_policies_are_not_changed():
+    before = repr(POLICIES)
+    for configuration in CONFIGURATIONS.values():
+        configuration.variant(MISSION)
+    assert repr(POLICIES) == before
+
+
+def test_static_weights_are_requests_in_their_proportions_that_leave_room():
     """Operator and router request 100m each, drivers and guards 250m: the scheduler must find room for all."""
-    requests = {task: parse_cpu(cpu["request"]) for task, cpu in by_priority(POLICY, 2).items()}
-    assert sum(requests.values()) < 2000 - 2 * 100 - 250
-    assert requests["slam"] > requests["arm"]
+    found = {task: parse_cpu(request) for task, request in requests(WEIGHTS_FOUND, 2).items()}
+    assert found["slam"] == pytest.approx(2 * found["signs"], abs=1)
+    assert found["arm"] == 10
+    assert sum(found.values()) < 2000 - 2 * 100 - 250
 
 
-def test_values_remove_limits_and_deepen_queues():
-    slam = values(LINUX_DEFAULT, POLICY, 2)["modules"]["slam"]
-    assert slam["cpu"] == {"limit": ""}
-    assert slam["env"] == {"PUBLISH_RUNS": "true", "ADAPT": "false", "INPUT_STEREO": f"{{depth: {DEPTH}}}"}
-    assert values(STATIC, POLICY, 2)["modules"]["slam"]["cpu"] == by_priority(POLICY, 2)["slam"]
+def module(configuration, task="slam", story=HELD_OUT[0]):
+    trial = Trial(HEAVY, story, configuration, 0, 0)
+    return values(trial, policy_document(story), 2, WEIGHTS_FOUND)["modules"][task]
+
+
+def test_queues_are_the_modules_own_but_under_the_papers_terms():
+    assert module(LINUX) == {"cpu": {"limit": ""}, "env": {"PUBLISH_RUNS": "true", "ADAPT": "false"}}
+    deep = module(LINUX, story=PAPER[0])
+    assert deep["env"]["INPUT_STEREO"] == f"{{depth: {DEPTH}}}"
+    assert "memory" in deep
+
+
+def test_only_what_a_policy_resizes_has_a_limit():
+    assert module(WEIGHTS_GATED)["cpu"] == {"limit": "2"}
+    assert module(STATIC)["cpu"]["limit"] == ""
+    assert parse_cpu(module(STATIC)["cpu"]["request"]) > 100
+
+
+def test_modules_listen_to_the_gate_where_nothing_acts_and_adapt_where_they_should():
+    assert module(LINUX_GATED)["env"]["PLAN_KEY"] == gate.KEY
+    assert "PLAN_KEY" not in module(WEIGHTS_GATED)["env"]
+    assert module(LINUX_ADAPTIVE)["env"]["ADAPT"] == "true"
 
 
 def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
-    slam = next(one for one in autoscalers(POLICY, 2) if one["metadata"]["name"] == "slam")
+    slam = next(one for one in autoscalers(MISSION, 2) if one["metadata"]["name"] == "slam")
     assert slam["spec"]["updatePolicy"]["updateMode"] == "InPlaceOrRecreate"
     own, others = slam["spec"]["resourcePolicy"]["containerPolicies"]
     assert own["minAllowed"] == {"cpu": "100m"}

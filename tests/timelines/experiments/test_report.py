@@ -1,156 +1,102 @@
-"""The report of runs whose every time is known; and what is run, resumed and refused."""
+"""The report of runs whose every figure is known; what is committed is what the data gives."""
 
 from __future__ import annotations
 
-import json
-import time
+from dataclasses import replace
 
 import pytest
 
-from tests.timelines.experiments.synthetic import fresh, write_run
-from timelines.demo.deploy import DeployError
-from timelines.experiments import __main__ as command
-from timelines.experiments import installation
+from tests.timelines.experiments.made_up import a_run, evidence
+from timelines.experiments import tables
+from timelines.experiments.__main__ import DATA
+from timelines.experiments.blocks import HEAVY
+from timelines.experiments.evidence import Evidence
 from timelines.experiments.report import write_report
-from timelines.experiments.run import RUN
 
-PLANS = [(-1.0, (), 1.0), (0.5, ("speech",), 1.5)]
-SUSPENDED = [("speech", index) for index in range(5, 10)]
+FROZEN = {"parts": {"light": 0.8, "heavy": 0.4}, "solo": {"slam": 1.0}, "deadlines": {"slam": 0.1}}
+ACCURACY = {"slam": ["ATE", 0.02, "m", 90, False], "speech": ["commands heard", 75.0, "%", 4, True]}
+
+
+def some_runs():
+    for block in range(10):
+        yield a_run("linux", slam="i" * 3 + "d" * 7, block=block, accuracy=ACCURACY)
+        yield a_run("linux-gated", slam="i" * 3 + "dd" + "sssss", block=block, accuracy=ACCURACY)
+        yield a_run("weights-gated", slam="i" * 5 + "sssss", block=block, accuracy=ACCURACY)
+        yield a_run("static-gated", slam="ii" + "ddd" + "sssss", block=block, accuracy=ACCURACY)
+    yield a_run("alone")
+    for block in range(3):
+        for name, finished in (("linux", 30.0), ("limits-gated", 20.0)):
+            run = a_run(name, block=block, story="exp1")
+            yield replace(run, about={**run.about, "finished": finished})
 
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs")
-    for repeat, slow in enumerate((0.2, 0.3)):
-        baseline = fresh(folder / "exp3-x1" / "linux-default" / str(repeat))
-        write_run(baseline, "linux-default", "Linux default", service={"slam": slow, "speech": 0.01})
-        better = fresh(folder / "exp3-x1" / "cfs-ca" / str(repeat))
-        service = {"slam": 0.1, "speech": 0.01}
-        write_run(better, "cfs-ca", "CFS CA", service=service, plans=PLANS, skipped=SUSPENDED)
-    write_run(
-        fresh(folder / "exp3-x1" / "ideal" / "0"), "ideal", "each task alone", service={"slam": 0.05, "speech": 0.01}
-    )
-    undrained = fresh(folder / "exp3-x1" / "weight" / "0")
-    write_run(undrained, "weight", "Weight", service={"slam": 0.1, "speech": 0.1}, drained=False)
-    about = folder / "exp3-x1" / "cfs-ca" / "1" / RUN
-    busy = json.loads(about.read_text(encoding="utf-8")) | {"load": {"before": [9.0, 9.0, 9.0]}}
-    about.write_text(json.dumps(busy), encoding="utf-8")
+    folder = tmp_path_factory.mktemp("report")
+    write_report(evidence(*some_runs(), frozen=FROZEN), folder)
     return folder
 
 
 @pytest.fixture(scope="module")
-def kept(out):
-    folder = out / "kept"
-    assert write_report(out, out / "datasets", folder) == folder / "report.md"
-    return folder
+def text(out):
+    return (out / "report.md").read_text(encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
-def text(kept):
-    return (kept / "report.md").read_text(encoding="utf-8")
+def test_the_claim_comes_first_and_fits_two_pages(text):
+    assert text.index("goals that were measured are met") < text.index("## Heavy load")
+    assert len(text.split()) < 1500
 
 
-def test_it_compares_with_the_baseline_repeat_by_repeat(kept, text):
-    (row, *_) = [line for line in text.splitlines() if line.startswith("| CFS CA | 1 s")]
+def test_each_configuration_has_its_hit_rates_by_context(text):
+    [row] = [line for line in text.splitlines() if line.startswith("| Linux default | 10 |")]
     cells = [cell.strip() for cell in row.split("|")]
-    assert cells[2] == "1 s"
-    assert cells[3].startswith("2.45 [")  # 2 s and 3 s against 1 s: the root of 2 times 3
-    assert cells[5:9] == ["15", "5", "0", "0"]
-    assert "a test, 2 cores" in text
-    assert "CFS CA: speech has done 5 inputs that the recorder did not hear of" in text
-    assert "Linux default: speech has done" not in text
-    for line in text.splitlines():
-        if line.startswith("!["):
-            picture = kept / line.partition("(")[2].rstrip(")")
-            assert picture.read_text(encoding="utf-8").startswith("<?xml")
+    assert cells[2:5] == ["10", "60.0", "100.0"]
 
 
-def test_goals_come_first_and_each_figure_is_kept_for_programs(kept, text):
-    assert text.index("## Goals, CFS CA") < text.index("## exp3 at real pace")
-    assert "on equal work at least 0.95 x of Linux default | " in text
-    measured = json.loads((kept / "measures.json").read_text(encoding="utf-8"))
-    figures = {(one["configuration"], one["repeat"]): one["total_time"] for one in measured}
-    assert figures["linux-default", 0] == pytest.approx(2.0)
-    assert figures["linux-default", 1] == pytest.approx(3.0)
-    assert figures["cfs-ca", 0] == figures["cfs-ca", 1] == pytest.approx(1.0)
+def test_a_goal_that_ten_blocks_agree_on_is_met(text):
+    [row] = [line for line in text.splitlines() if "as alone, less 2 points (gated)" in line and line.startswith("| heavy")]
+    assert row.rstrip().endswith("| met |")
 
 
-def test_response_times_are_multiples_of_the_ideal(text):
-    rows = [line.split("|") for line in text.splitlines() if line.startswith("| CFS CA |")]
-    assert any(row[-2].strip().startswith("2 ") for row in rows)  # 0.1 s, which takes 0.05 s alone
+def test_it_says_which_divisions_reach_it_too(text):
+    assert "less 2 points (gated): context weights, gated.\n" in text
 
 
-def test_doubtful_runs_are_named(text):
-    assert "Weight: queues were not empty" in text
-    assert "CFS CA: queues were not empty" not in text
+def test_the_papers_measure_stands_beside_its_own_figure(text):
+    assert "| exp1 | context limits, gated | 1.50 [1.50, 1.50] | 3 |" in text
+    assert "up to 1.42" in text
 
 
-def test_a_run_on_a_busy_machine_says_so(text):
-    assert "CFS CA: the machine had a load of 9.0 before the run." in text
-    assert text.count("the machine had a load") == 1
+def test_wheel_commands_are_reported_from_camera_and_word(text):
+    assert "| Linux default | 60.0 % | 60 ms | 60 ms | 10 of 10 | 800 ms |" in text
 
 
-def test_the_report_can_be_kept_apart_from_the_raw_data(out, kept):
-    assert (kept / "measures.json").is_file()
-    assert list((kept / "figures").glob("*.svg"))
-    assert {path.name for path in out.iterdir()} == {"exp3-x1", "kept"}
+def test_the_details_have_every_ending_and_the_onsets(out):
+    details = (out / "details.md").read_text(encoding="utf-8")
+    assert "| slam | context weights, gated | 10 | 50.0 | 0.0 | 0.0 | 50.0 | 0.0 | 100.0 |" in details
+    assert "first second" in details
 
 
-def test_figures_label_directly_and_say_what_they_show(kept, text):
-    pictures = [line for line in text.splitlines() if line.startswith("![")]
-    assert len({line.partition("](")[0] for line in pictures}) == len(pictures)
-    assert "legend" not in "".join(path.read_text(encoding="utf-8") for path in (kept / "figures").glob("*.svg"))
+def test_pictures_are_there_and_the_same_data_gives_the_same_ones(out, text, tmp_path):
+    write_report(evidence(*some_runs(), frozen=FROZEN), tmp_path)
+    pages = text + (out / "details.md").read_text(encoding="utf-8")
+    names = {line.partition("(figures/")[2].rstrip(")") for line in pages.splitlines() if line.startswith("![")}
+    assert names == {path.name for path in (out / "figures").iterdir()}
+    for name in names:
+        assert (out / "figures" / name).read_bytes() == (tmp_path / "figures" / name).read_bytes()
 
 
-def test_a_report_without_runs_is_refused(tmp_path):
-    with pytest.raises(DeployError, match="no finished run"):
-        write_report(tmp_path, tmp_path, tmp_path)
+def test_a_quick_look_says_that_nothing_was_calibrated(tmp_path):
+    path = write_report(evidence(a_run("linux")), tmp_path)
+    assert "a quick look" in path.read_text(encoding="utf-8")
 
 
-@pytest.fixture
-def runs(monkeypatch):
-    """What is installed and run, without a node; `fails_after` runs the node is gone."""
-    done, clock = [], {"now": 0.0, "fails_after": 99}
-    monkeypatch.setattr(installation, "install", lambda configuration: done.append(configuration.agent))
-    monkeypatch.setattr(installation, "can", lambda _: True)
-    monkeypatch.setattr(time, "monotonic", lambda: clock["now"])
-
-    def execute(trial, timeline, _datasets, folder, _policy):
-        if len(done) > clock["fails_after"]:
-            raise DeployError("the node is gone")
-        fresh(folder)
-        service = {"slam": 0.1, "speech": 0.1}
-        write_run(folder, trial.configuration.name, trial.configuration.title, service=service)
-        done.append((timeline.stem, trial.configuration.name, folder.name))
-        clock["now"] += 50.0
-
-    monkeypatch.setattr(command, "execute", execute)
-    return done, clock
+def test_without_runs_of_a_load_there_is_no_table():
+    assert tables.of_load(evidence(a_run("linux", load="light")), HEAVY) == ""
 
 
-ARGUMENTS = ("exp3", "--repeats", "2", "--only", "linux-default", "cfs-ca", "--paces", "1")
-FOUR = [("exp3", name, repeat) for repeat in "01" for name in ("linux-default", "cfs-ca")]
-
-
-def test_repeats_are_interleaved_and_what_is_finished_is_not_run_again(tmp_path, runs):
-    done, clock = runs
-    clock["fails_after"] = 3
-    assert command.main([*ARGUMENTS, "--out", str(tmp_path)]) == 1
-    assert done == [False, *FOUR[:3]]
-    done.clear()
-    assert command.main([*ARGUMENTS, "--out", str(tmp_path)]) == 0
-    assert done == [False, FOUR[3]]
-    assert (tmp_path / "exp3-x1" / "cfs-ca" / "1" / RUN).is_file()
-
-
-def test_no_run_is_begun_that_would_end_too_late(tmp_path, runs, capsys):
-    done, _ = runs
-    assert command.main([*ARGUMENTS, "--minutes", "2.6", "--out", str(tmp_path)]) == 0
-    assert done == [False, *FOUR[:3]]  # 156 s: the fourth would end after 200 s
-    assert "1 runs are left" in capsys.readouterr().out
-
-
-def test_an_unknown_configuration_is_refused(capsys):
-    with pytest.raises(SystemExit):
-        command.main(["exp3", "--only", "magic"])
-    assert "linux-default" in capsys.readouterr().err
+@pytest.mark.skipif(not (DATA / "blocks").is_dir(), reason="no block has been measured yet")
+def test_the_committed_report_is_what_the_committed_data_gives(tmp_path):
+    write_report(Evidence.read(DATA), tmp_path)
+    for name in ("report.md", "details.md"):
+        assert (tmp_path / name).read_text(encoding="utf-8") == (DATA.parent / name).read_text(encoding="utf-8")

@@ -14,13 +14,15 @@ from robotkit import Input, Module, Needs, Task
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
 from timelines.demo import deploy
-from timelines.experiments import installation, measures
+from timelines.experiments import collect, healths, installation, metrics
 from timelines.experiments import run as run_module
-from timelines.experiments.configurations import ALONE, LINUX_DEFAULT
-from timelines.experiments.measures import Fate
-from timelines.experiments.raw_data import read_run
-from timelines.experiments.run import PROFILES, RUN, TimelineSource, execute
-from timelines.experiments.trials import Trial
+from timelines.experiments.accounting import Ending
+from timelines.experiments.blocks import HEAVY, Trial
+from timelines.experiments.configurations import ALONE, LINUX
+from timelines.experiments.due import Schedule, Window
+from timelines.experiments.raw_data import RUN, read_run
+from timelines.experiments.run import Conditions, TimelineSource, execute
+from timelines.experiments.stories import HELD_OUT
 
 SLAM = Module(
     "slam",
@@ -33,6 +35,14 @@ TIMELINE: dict[str, Any] = {
     "phases": [{"name": "drives", "from": 0, "to": 0.5, "truth": {"moving": True}}],
     "inputs": [{"key": "robot/camera/stereo", "encoding": "json", "from": 0, "to": 0.5, "rate": 20, "value": {"n": 1}}],
 }
+
+
+TRIAL = Trial(HEAVY, HELD_OUT[0], LINUX, 0, 0)
+STEREO = "robot/camera/stereo"
+SCHEDULE = Schedule(
+    0.5, {STEREO: [n / 20 for n in range(10)]}, {"slam": {"stereo": STEREO}}, {"slam": 0.1},
+    [Window(0.0, 0.5, ("drive",), frozenset())],
+)  # fmt: skip
 
 
 class Busy(Task):
@@ -53,7 +63,7 @@ def node(monkeypatch):
         monkeypatch.setattr(installation, "stop_robot", lambda: None)
         monkeypatch.setattr(installation, "decide", lambda *_: None)
         monkeypatch.setattr(installation, "cgroups", dict)
-        monkeypatch.setattr(run_module, "CALM", 0.0)
+        monkeypatch.setattr(run_module, "wait_until_calm", lambda: 0.1)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
         running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, publish_runs=True)
         yield
@@ -61,38 +71,32 @@ def node(monkeypatch):
         running.result()
 
 
+def conditions(tmp_path):
+    timeline = tmp_path / "short.json"
+    timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
+    return Conditions(timeline, tmp_path, 1.0, {})
+
+
 def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
-    timeline = tmp_path / "short.json"
-    timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    execute(Trial("exp3", 2.0, LINUX_DEFAULT, 0), timeline, tmp_path, tmp_path / "run")
-    run = read_run(tmp_path / "run")
-    assert run.drained
-    done = run.about["counted"]["slam"]["stereo"]
-    assert done > 0
-    assert len(run.published["robot/camera/stereo"]) == 10
-    fates = measures.counts(run, "slam")
-    assert (fates[Fate.PROCESSED], fates[Fate.LOST]) == (done, 10 - done)  # a busy machine's bus may drop one
-    found = measures.response(run, "slam")
-    assert found.due == 10
-    assert found.p50 is not None
-    assert found.p50 >= 0.02
-    assert measures.total_time(run) >= 0.25  # half a second at twice the pace
-    assert run.pace == 2
-    assert run.story_time(run.started + 0.2) == pytest.approx(0.4)
-    profile = json.loads((tmp_path / "run" / PROFILES).read_text(encoding="utf-8"))["tasks"]["slam"]
-    assert profile["inputs"]["stereo"]["done"] == done
+    execute(TRIAL, conditions(tmp_path), tmp_path / "run")
+    kept = collect.record(TRIAL, read_run(tmp_path / "run"), SCHEDULE, {})
+    tally = metrics.Run(SCHEDULE, kept).tally("slam", "drive")
+    assert tally.due == 10
+    assert tally.count(Ending.IN_TIME, Ending.LATE, Ending.DROPPED, Ending.LOST) == 10
+    assert tally.coverage > 0  # a busy machine's bus may drop one
+    assert all(response >= 200 for response in kept.columns["slam"]["stereo"].responses)  # it takes 20 ms
+    assert kept.about["drained"]
+    assert kept.about["finished"] > 0
 
 
-def test_a_run_without_health_fails_and_is_not_kept(monkeypatch, tmp_path):
-    timeline = tmp_path / "short.json"
-    timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    monkeypatch.setattr(run_module, "PATIENCE", 0.1)
+def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
+    monkeypatch.setattr(healths, "PATIENCE", 0.1)
     for name in ("start_robot", "stop_robot"):
         monkeypatch.setattr(installation, name, lambda *_: None)
     with router() as address:
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
         with pytest.raises(deploy.DeployError, match="health within"):
-            execute(Trial("exp3", 2.0, LINUX_DEFAULT, 0), timeline, tmp_path, tmp_path / "run")
+            execute(TRIAL, conditions(tmp_path), tmp_path / "run")
     assert not (tmp_path / "run" / RUN).exists()
 
 
@@ -105,5 +109,5 @@ def test_each_task_alone_gets_its_own_inputs_one_after_the_other(tmp_path):
         ["robot/camera/stereo"],
         ["robot/arm/order"],
     ]
-    (whole,) = source.parts(alone=LINUX_DEFAULT.alone)
+    (whole,) = source.parts(alone=LINUX.alone)
     assert len(whole.encodings) == 2

@@ -1,0 +1,56 @@
+"""Runs that never were: two contexts, two tasks, ten inputs each, whose every ending is known."""
+
+from __future__ import annotations
+
+from timelines.experiments.accounting import Ended, Ending
+from timelines.experiments.due import Schedule, Window
+from timelines.experiments.evidence import Evidence
+from timelines.experiments.record import Column, Record
+
+SCHEDULE = Schedule(
+    10.0,
+    {"robot/camera/stereo": [float(n) for n in range(10)], "robot/microphone": [n + 0.5 for n in range(10)]},
+    {"slam": {"stereo": "robot/camera/stereo"}, "speech": {"audio": "robot/microphone"}},
+    {"slam": 0.1, "speech": 1.0},
+    [Window(0.0, 5.0, ("drive",), frozenset()), Window(5.0, 10.0, ("talk",), frozenset({"slam"}))],
+    [(6.0, 7.2)],
+)
+ABOUT = {
+    "date": "2026-11-26T03:00:00+00:00",
+    "machine": {"processor": "a test", "cores": 2, "memory_gib": 4.0, "kernel": "6"},
+    "seconds": 10.0,
+    "finished": 10.5,
+    "busy": 8.0,
+    "stolen": 1.0,
+    "load": 0.1,
+    "reactions": [30, 40],
+}
+
+
+def column(endings, response=0.05, cpu=0.02):
+    """`endings` are letters: i(n time), l(ate), d(ropped), s(uspended), o(n the way lost)."""
+    letters = {"d": Ending.DROPPED, "s": Ending.SUSPENDED, "o": Ending.LOST}
+    took = {"i": response, "l": 5.0}
+    ended = [
+        Ended(Ending.IN_TIME, took[one], cpu) if one in took else Ended(letters[one]) for one in endings
+    ]
+    return Column.of(ended)
+
+
+def a_run(configuration, slam="i" * 10, speech="i" * 10, *, block=0, load="heavy", story="delivery", **more):
+    timing = {name: more.pop(name) for name in ("response", "cpu") if name in more}
+    columns = {"slam": {"stereo": column(slam, **timing)}, "speech": {"audio": column(speech, **timing)}}
+    late = {"robot/camera/stereo": [1] * 10}
+    used = {"slam": [0, 20, 40], "speech": [0, 10, 20], "operator": [0, 1, 2], "router": [0, 1, 3]}
+    plans = [[0, ["drive"], {"slam": [100.0, 1500], "speech": [3.0, 300]}],
+             [5000, ["talk"], {"slam": [3.0, 300], "speech": [100.0, 1500]}]]  # fmt: skip
+    commands = [[number, 600] for number, letter in enumerate(slam) if letter == "i"]
+    whole = {"plans": plans, "used": used, "commands": commands, "stops": [[0, 8000]], **more}
+    return Record(load, story, configuration, block, columns, late, ABOUT, **whole)
+
+
+def evidence(*records, frozen=None):
+    runs: dict[tuple[str, str, str], dict[int, Record]] = {}
+    for one in records:
+        runs.setdefault((one.load, one.story, one.configuration), {})[one.block] = one
+    return Evidence(dict.fromkeys({one.story for one in records}, SCHEDULE), runs, frozen or {})

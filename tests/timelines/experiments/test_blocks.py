@@ -1,0 +1,69 @@
+"""What is run, in which order, and how long the rest takes."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from timelines.experiments.blocks import HEAVY, LIGHT, PLAN, START, seconds_left, trials
+from timelines.experiments.configurations import ALONE, FACTORS, LINUX
+from timelines.experiments.stories import HELD_OUT, Use
+
+ALL = list(trials())
+
+
+def test_every_block_has_every_configuration_once_per_story():
+    for number, part in enumerate(PLAN):
+        for block in range(part.blocks):
+            cells = Counter((one.story, one.configuration) for one in ALL if (one.part, one.block) == (number, block))
+            assert cells == Counter({(story, own): 1 for story in part.stories for own in part.configurations})
+
+
+def test_blocks_have_orders_of_their_own_and_always_the_same_ones():
+    assert list(trials()) == ALL
+    orders = [
+        [(one.story.name, one.configuration.name) for one in ALL if (one.part, one.block) == (1, block)]
+        for block in range(10)
+    ]
+    assert len({tuple(order) for order in orders}) == 10
+
+
+def test_nothing_is_reported_of_what_was_tuned_on():
+    assert all(one.story.use is not Use.TUNING for one in ALL)
+    assert {story.name for story in HELD_OUT} <= {one.story.name for one in ALL}
+
+
+def test_a_quick_look_chooses():
+    few = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name], most=1))
+    assert [str(one) for one in few] == ["delivery, heavy load, Linux default, block 1"]
+    assert not any(one.configuration.realtime for one in trials(can=lambda one, _: not one.realtime))
+
+
+def test_the_main_parts_take_about_what_was_asked_for():
+    """About four hours for heavy and two for light, without the paper's experiments and the adaptive pair."""
+    hours = {load: seconds_left({}, [one for one in ALL if one.part < 4 and one.load == load]) / 3600
+             for load in (HEAVY, LIGHT)}  # fmt: skip
+    assert hours[HEAVY] < 5
+    assert hours[LIGHT] < 2.5
+
+
+def test_the_rest_takes_what_the_runs_so_far_took_beside_their_inputs():
+    left = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name], most=2))
+    assert seconds_left({}, left) == 2 * (60 + START)
+    assert seconds_left({"a": (60, 80), "b": (60, 90)}, left) == 2 * (60 + 25)
+    assert seconds_left({}, []) == 0
+
+
+def test_alone_takes_as_many_times_as_there_are_tasks():
+    (first, *_) = trials(only=[ALONE.name], loads=[LIGHT])
+    assert first.seconds == 6 * 60
+
+
+def test_files_are_named_by_block():
+    one = ALL[0]
+    assert one.group == "1-heavy-01"
+    assert one.name == f"{one.story.name}-alone"
+
+
+def test_both_kinds_of_gating_are_compared_under_every_division():
+    for division in ("linux", "static", "weights", "limits"):
+        assert {f"{division}", f"{division}-gated"} <= {one.name for one in FACTORS}

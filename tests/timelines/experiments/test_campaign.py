@@ -1,0 +1,129 @@
+"""Blocks are run, kept as they end, and gone on with; without a node."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from tests.timelines.experiments.made_up import SCHEDULE, a_run
+from timelines.demo.deploy import DeployError
+from timelines.experiments import __main__ as command
+from timelines.experiments import campaign as module
+from timelines.experiments.blocks import HEAVY, trials
+from timelines.experiments.campaign import Campaign, Folders, Setting, Workbench
+from timelines.experiments.configurations import LINUX, WEIGHTS
+from timelines.experiments.evidence import Evidence, read_frozen, write_frozen, write_schedule
+from timelines.experiments.record import RecordError
+
+CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
+
+
+class Bench(Workbench):
+    """Runs nothing: after `lasts` runs the node is gone."""
+
+    def __init__(self, folder, lasts=99):
+        super().__init__(Folders(folder / "raw", folder / "data", folder, folder))
+        self.done, self.lasts = [], lasts
+
+    def _do(self, place, trial, setting, weights):
+        if len(self.done) == self.lasts:
+            raise DeployError("the node is gone")
+        self.done.append((trial.name, trial.block, setting.part, dict(weights)))
+        write_schedule(self.folders.data, trial.story.name, SCHEDULE)
+        record = a_run(trial.configuration.name, block=trial.block)
+        file = self._file(place, trial)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(module.packed(record.as_json()))
+
+
+def run(bench, *, until=lambda _: True):
+    said: list[str] = []
+    made = Campaign(bench, {HEAVY: Setting(0.4, {})}, {False: {"slam": 2}, True: {"slam": 3}}, said.append)
+    return made.run(CHOSEN, until=until, commit=False), said
+
+
+def test_a_block_is_kept_once_all_of_its_runs_are_done(tmp_path):
+    bench = Bench(tmp_path, lasts=3)
+    with pytest.raises(DeployError):
+        run(bench)
+    [block] = (tmp_path / "data" / "blocks").iterdir()
+    assert block.name == "2-heavy-01.json.xz"
+    again = Bench(tmp_path)
+    left, said = run(again)
+    assert left == 0
+    assert len(again.done) == 1
+    assert said[0].startswith("[1/1, ")
+    found = Evidence.read(tmp_path / "data")
+    assert {name: sorted(blocks) for (_, _, name), blocks in found.runs.items()} == {"linux": [0, 1], "weights": [0, 1]}
+
+
+def test_each_run_has_its_loads_part_and_its_gatings_weights(tmp_path):
+    bench = Bench(tmp_path)
+    run(bench)
+    assert {(part, weights["slam"]) for _, _, part, weights in bench.done} == {(0.4, 2)}
+
+
+def test_nothing_is_begun_that_would_end_too_late(tmp_path):
+    bench = Bench(tmp_path)
+    left, _ = run(bench, until=lambda _: len(bench.done) < 3)
+    assert left == 1
+    assert len(bench.done) == 3
+
+
+def test_a_block_whose_file_was_lost_is_written_again(tmp_path):
+    run(Bench(tmp_path))
+    [first, second] = sorted((tmp_path / "data" / "blocks").iterdir())
+    before = second.read_bytes()
+    second.unlink()
+    again = Bench(tmp_path)
+    run(again)
+    assert again.done == []
+    assert second.read_bytes() == before
+    assert first.exists()
+
+
+def test_what_is_due_may_not_change_between_runs(tmp_path):
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+    with pytest.raises(RecordError, match="has changed"):
+        write_schedule(tmp_path, "delivery", replace(SCHEDULE, deadlines={}))
+
+
+def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
+    assert read_frozen(tmp_path) == {}
+    write_frozen(tmp_path, {"parts": {"heavy": 0.4}})
+    assert read_frozen(tmp_path) == {"parts": {"heavy": 0.4}}
+    assert json.loads((tmp_path / "frozen.json").read_text(encoding="utf-8"))
+
+
+class Prepares:
+    """Finds out at once, and counts."""
+
+    def __init__(self):
+        self.asked = []
+
+    def calibrated(self):
+        self.asked.append("parts")
+        return {"parts": {"light": 0.8, "heavy": 0.4}}
+
+    def tuned(self, frozen, *, gated):
+        assert frozen["parts"]
+        self.asked.append(gated)
+        return {"weights": {"slam": 1}, "tried": []}
+
+
+def test_loads_and_weights_are_found_out_once(tmp_path):
+    preparation, frozen = Prepares(), {}
+    command._prepare(preparation, frozen, tmp_path)
+    assert preparation.asked == ["parts", False, True]
+    command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path)
+    assert preparation.asked == ["parts", False, True]
+
+
+def test_an_unknown_story_or_configuration_is_refused(capsys):
+    for arguments in (["magic"], ["--only", "magic"]):
+        with pytest.raises(SystemExit):
+            command.main(arguments)
+    assert "linux-gated" in capsys.readouterr().err

@@ -1,0 +1,78 @@
+"""Loads, deadlines and static weights, from runs whose every figure is known."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.timelines.experiments.made_up import SCHEDULE, a_run
+from timelines.experiments.accounting import Ended, Ending
+from timelines.experiments.calibration import deadline, demand, parts, solo
+from timelines.experiments.halving import ALWAYS, CANDIDATES, LEAST, MOST, candidates, halved, score
+from timelines.experiments.metrics import Run
+
+PRIORITIES = {"slam": 3.0, "speech": 3.0, "navigation": 10.0, "host": 1.0}
+
+
+def run(**endings):
+    return Run(SCHEDULE, a_run("alone", **endings))
+
+
+def test_a_task_wants_its_inputs_and_what_it_does_beside():
+    wanted = demand([run(cpu=0.002), run(cpu=0.002)])
+    # Ten inputs of 2 ms in 10 s; 40 and 20 ms used in three seconds, 20 of them by inputs.
+    assert wanted == pytest.approx({"slam": 0.002 + 0.02 / 3, "speech": 0.002})
+
+
+def test_inputs_that_were_not_done_are_wanted_as_well():
+    assert demand([run(slam="i" * 5 + "d" * 5, cpu=0.008)])["slam"] == pytest.approx(10 * 0.008 / 10)
+
+
+def test_processors_are_slowed_until_the_tasks_want_what_a_load_says():
+    assert parts({"slam": 0.8, "signs": 0.32}, 2) == {"light": 0.8, "heavy": 0.4}
+    assert parts({"slam": 3.0}, 2) == {"light": 1.0, "heavy": 1.0}
+    assert parts({"slam": 0.1}, 2)["heavy"] == 0.15
+
+
+def ended(*responses):
+    return [Ended(Ending.LATE, one, 0.01) for one in responses]
+
+
+def test_a_deadline_is_doubled_until_the_task_keeps_it_alone():
+    assert deadline(0.1, ended(0.05, 0.06)) == 0.1
+    assert deadline(0.1, ended(0.05, 0.3)) == 0.4
+    assert deadline(0.1, ended(9.0)) == 0.4  # twice at most: it fails alone, and the report says so
+    assert solo(0.1, [*ended(0.05, 0.3), Ended(Ending.DROPPED)]) == pytest.approx(1 / 3)
+
+
+def test_what_a_user_writes_at_once_is_tried_first_and_the_rest_is_always_the_same():
+    found = candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4})
+    assert len(found) == CANDIDATES
+    assert found[0] == dict.fromkeys(PRIORITIES, 256)
+    assert found[1] == {"slam": 307, "speech": 307, "navigation": 1024, "host": 102}
+    assert found[2] == {"slam": 1024, "speech": 512, "navigation": LEAST, "host": LEAST}
+    assert found[3] == {"slam": 1024, "speech": 1024, "navigation": 1024, "host": 16}
+    assert candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4}) == found
+    assert all(LEAST <= weight <= MOST for one in found for weight in one.values())
+
+
+def test_weights_are_worth_their_worst_context():
+    found = score([run(slam="iiiid" + "iiiii"), run(slam="iiidd" + "iiiii", speech="iiiii" + "ddddd")])
+    assert found.worst == pytest.approx(0.5)  # speech, in one of two stories
+    assert found.contexts == pytest.approx((0.7 + 0.5) / 2)
+
+
+def test_half_go_on_after_each_story_and_the_simple_ones_always_do():
+    tries = candidates(PRIORITIES, {"slam": 1.0})
+    played = []
+
+    def play(number, weights, story):
+        assert weights == tries[number]
+        played.append((story, number))
+        return run(slam=("i" if number == 9 else "d") + "iiii" + "iiiii", speech="ddddd" + ("i" if number > 7 else "d") * 5)
+
+    found = halved(tries, ["a", "b", "c", "d"], play)
+    runs = {story: [number for name, number in played if name == story] for story in "abcd"}
+    assert [len(runs[story]) for story in "abcd"] == [16, 8 + ALWAYS, 4 + ALWAYS, 4 + ALWAYS]
+    assert {0, 1} <= set(runs["d"])
+    assert found[0].weights == tries[9]
+    assert found[0].stories == 4

@@ -1,0 +1,81 @@
+"""The stories: what is held out is frozen, and what matters in each context is what the policy says."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+import yaml
+
+from contextpolicy.policy.validation.policy_file import load_policy
+from contextpolicy.simulation.robot import NODE, Robot
+from contextpolicy.simulation.run import simulate
+from contextpolicy.streams.timeline import parse
+from timelines.experiments.due import windows
+from timelines.experiments.stories import CRITICAL, HELD_OUT, PAPER, PROTECTED, SCENARIOS, STORIES, TUNING
+from timelines.scenarios.inputs import timeline
+from timelines.scenarios.scenario import load, shipped
+
+FROZEN = {
+    "delivery": "b6819ac0a151ffea2b6a271b8c058d69742064ea63833acea4d22da7a305b898",
+    "inspection": "a60506e615f54d151654d4a814ee08f8aa9788c20961226ee07c194dc675c506",
+}
+OWN = (*TUNING, *HELD_OUT)
+
+
+def scenario(story):
+    return load(SCENARIOS / f"{story.name}.yaml")
+
+
+@pytest.mark.parametrize("story", HELD_OUT, ids=lambda story: story.name)
+def test_a_held_out_story_is_as_it_was_frozen(story):
+    text = (SCENARIOS / f"{story.name}.yaml").read_bytes()
+    assert hashlib.sha256(text).hexdigest() == FROZEN[story.name]
+    assert text.startswith(b"# HELD OUT")
+
+
+def test_every_scenario_is_a_story_and_the_papers_are_its_own():
+    assert {path.stem for path in SCENARIOS.glob("*.yaml")} == {story.name for story in OWN}
+    assert {story.name: story.seconds for story in PAPER} == {one.name: one.duration for one in shipped().values()}
+
+
+@pytest.mark.parametrize("story", OWN, ids=lambda story: story.name)
+def test_stories_are_as_long_as_they_say_and_have_full_sensor_rates(story):
+    found = scenario(story)
+    assert (found.name, found.duration) == (story.name, story.seconds)
+    assert (found.camera_rate, found.side_rate) == (20, 4)
+    rates = {entry.key: entry.dataset_rate for entry in parse(timeline(found)).entries if entry.dataset}
+    assert rates == {
+        "robot/camera/stereo": 20, "robot/camera/side": 4, "robot/microphone": 10, "robot/imu/raw": 200
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("story", OWN, ids=lambda story: story.name)
+def test_importance_moves_with_the_mission(story):
+    found = scenario(story)
+    told = parse(timeline(found))
+    plans = simulate(load_policy(str(story.policy_file)), told, robot=Robot({NODE: 2000})).plans
+    held = [window.contexts for window in windows(plans, told.duration) if window.contexts]
+    assert held == [(phase.does,) for phase in found.phases]
+    assert len(set(held)) >= 2
+
+
+def test_the_held_out_stories_have_every_context():
+    for story in HELD_OUT:
+        assert {phase.does for phase in scenario(story).phases} == {"drive", "talk", "read", "grip"}
+
+
+@pytest.mark.parametrize("story", [HELD_OUT[0], PAPER[0]], ids=lambda story: story.policy)
+def test_the_critical_task_is_the_one_of_the_highest_weight(story):
+    spec = yaml.safe_load(story.policy_file.read_text(encoding="utf-8"))["spec"]
+    for context in spec["contexts"]:
+        weights = {task: change.get("weight", 0) for task, change in context["tasks"].items()}
+        if context["name"] in CRITICAL:
+            assert max(weights, key=lambda task: weights[task]) == CRITICAL[context["name"]]
+            assert CRITICAL[context["name"]] not in [t for t, change in context["tasks"].items() if change.get("suspend")]
+    assert {task["name"] for task in spec["tasks"] if task.get("protected")} == set(PROTECTED)
+
+
+def test_nothing_is_tuned_on_what_is_held_out():
+    assert not {story.name for story in TUNING} & {story.name for story in HELD_OUT}
+    assert len(STORIES) == len(TUNING) + len(HELD_OUT) + len(PAPER)

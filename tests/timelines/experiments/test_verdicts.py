@@ -1,0 +1,120 @@
+"""What a goal says of runs whose every input is known."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.timelines.experiments.made_up import SCHEDULE, a_run, evidence
+from timelines.experiments.configurations import CONFIGURATIONS
+from timelines.experiments.goals import GOALS, Goal
+from timelines.experiments.metrics import METRICS, Pair, Run, accuracy, coverage, cpu_per_input, critical_hits, slowest
+from timelines.experiments.record import RecordError, block, packed, records
+from timelines.experiments.verdicts import verdicts
+
+HITS = Goal("hits", "heavy", "weights", "alone", "critical hit rate", offset=-0.02)
+
+
+def pair(record, base):
+    return Pair(SCHEDULE, record, base)
+
+
+def test_at_most_ten_goals_are_declared_and_each_can_be_measured():
+    assert 0 < len(GOALS) <= 10
+    assert len({goal.name for goal in GOALS}) == len(GOALS)
+    for goal in GOALS:
+        assert goal.metric in METRICS
+        assert {goal.configuration, goal.against} <= CONFIGURATIONS.keys()
+
+
+def test_each_context_is_judged_by_its_own_task_over_what_was_due_in_it():
+    found = critical_hits(pair(a_run("weights", slam="iiiid" + "sssss", speech="lllll" + "iiiio"), a_run("alone")))
+    assert found == {"drive: slam": (0.8, 1.0), "talk: speech": (0.8, 1.0)}
+
+
+def test_what_was_suspended_although_its_context_wants_it_is_missed():
+    found = critical_hits(pair(a_run("weights", slam="ssiii" + "sssss"), a_run("alone")))
+    assert found["drive: slam"].value == pytest.approx(0.6)
+
+
+def test_late_is_covered_and_not_hit():
+    run = Run(SCHEDULE, a_run("linux", slam="illdd" + "iiiii"))
+    assert run.tally("slam", "drive").hit == pytest.approx(0.2)
+    assert run.tally("slam", "drive").coverage == pytest.approx(0.6)
+    assert coverage(pair(run.record, a_run("linux")))["drive: slam"] == (0.6, 1.0)
+
+
+def test_onsets_are_counted_and_reported_apart():
+    run = Run(SCHEDULE, a_run("linux", slam="diiii" + "sssss"))
+    assert run.tally("slam", "drive").due == 5
+    assert run.tally("slam", "drive", onset=True).hit == 0
+    assert run.tally("slam", "drive", onset=False).hit == 1
+
+
+def test_what_is_never_done_has_the_longest_response():
+    found = slowest(pair(a_run("linux", slam="i" * 4 + "d" + "i" * 5), a_run("linux")))
+    assert found["slam"] == (60.0, 0.05)
+
+
+def test_cpu_is_that_of_the_same_inputs():
+    found = cpu_per_input(pair(a_run("weights", slam="i" * 5 + "s" * 5, cpu=0.03), a_run("linux")))
+    assert found["all tasks"].value == pytest.approx(1.5)
+
+
+def test_a_centimetre_of_trajectory_error_weighs_two_points():
+    before = a_run("linux", accuracy={"slam": ["ATE", 0.05, "m", 100, False]})
+    after = a_run("weights", accuracy={"slam": ["ATE", 0.06, "m", 100, False]})
+    value, base = accuracy(pair(after, before))["slam"]
+    assert base - value == pytest.approx(0.02)
+
+
+def test_a_task_without_results_was_wrong_throughout():
+    before = a_run("linux", accuracy={"speech": ["commands heard", 75.0, "%", 4, True]})
+    assert accuracy(pair(a_run("weights"), before))["speech"] == (0.0, 0.75)
+
+
+def test_wheel_commands_count_the_frames_that_are_due():
+    due, times = Run(SCHEDULE, a_run("linux", slam="iidii" + "iiiii")).commands("drive")
+    assert (due, times) == (5, [0.06] * 4)
+
+
+def test_ten_blocks_that_agree_meet_a_goal_and_five_do_not():
+    runs = [a_run("weights", block=n) for n in range(10)]
+    [met] = verdicts(evidence(*runs, a_run("alone")), [HITS])
+    assert (met.met, met.probability) == (True, 1 / 1024)
+    [unsure] = verdicts(evidence(*runs[:4], a_run("alone")), [HITS])
+    assert (unsure.met, unsure.probability) == (False, 1 / 16)
+
+
+def test_the_least_sure_case_decides():
+    runs = [a_run("weights", speech="iiiii" + "iiddd", block=n) for n in range(10)]
+    [verdict] = verdicts(evidence(*runs, a_run("alone")), [HITS])
+    assert verdict.met is False
+    assert verdict.worst is not None
+    assert verdict.worst.name == "talk: speech"
+    assert verdict.worst.gain.mean == pytest.approx(-0.58)
+
+
+def test_a_goal_without_runs_is_not_judged_and_still_counts():
+    runs = [a_run("weights", block=n) for n in range(10)]
+    both = verdicts(evidence(*runs, a_run("alone")), [HITS, Goal("none", "light", "x", "y", "p99")])
+    assert [one.met for one in both] == [True, None]
+    assert both[0].probability == 2 / 1024
+
+
+def test_less_time_is_a_gain_where_a_goal_says_at_most():
+    goal = Goal("p99", "heavy", "weights", "linux", "p99", factor=1.2, offset=0.005, at_least=False)
+    assert goal.gain(0.1, 0.1) == pytest.approx(0.025)
+
+
+def test_a_block_survives_its_file():
+    runs = [a_run("linux", slam="ildso" + "iiiii"), a_run("weights")]
+    data = block(runs)
+    assert records(data) == [runs[0], runs[1]]
+    assert block(runs) == data  # the same runs, the same bytes
+
+
+def test_another_file_is_refused():
+    with pytest.raises(RecordError, match="format"):
+        records(packed({"format": 0}))
+    with pytest.raises(RecordError, match="no packed"):
+        records(b"nothing")

@@ -1,0 +1,61 @@
+"""How slow the processors have to be, and which deadlines are fair: from each task alone, before anything is compared. Pure.
+
+A load is what the tasks want, as a part of what there is. A task that fails alone has a deadline that this machine can't
+keep, which is no question of scheduling.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from timelines.experiments.blocks import HEAVY, LIGHT
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from timelines.experiments.accounting import Ended
+    from timelines.experiments.metrics import Run
+
+LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4}
+"""What the tasks together want, as a part of all processors: the issue's two loads."""
+SLOWEST = 0.15
+"""Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
+FAIR = 0.98
+"""What a task has to hit alone for its deadline to be fair."""
+LONGER = 2
+"""How often a deadline may be doubled; a task that needs more is not able to do this story on this machine."""
+
+
+def demand(runs: Sequence[Run]) -> dict[str, float]:
+    """Cores that each task wants, from runs in which each was alone: its inputs, all of them, and what it does besides."""
+    return {task: sum(_wanted(run, task) for run in runs) / len(runs) for task in runs[0].schedule.inputs}
+
+
+def _wanted(run: Run, task: str) -> float:
+    ended = run.ended(task)
+    done = [one.cpu for one in ended if one.cpu is not None]
+    if not done:
+        return 0.0
+    beside = max(run.record.used[task][-1] / 1000 - math.fsum(done), 0.0) / len(run.record.used[task])
+    return math.fsum(done) * len(ended) / len(done) / run.schedule.duration + beside
+
+
+def parts(wanted: Mapping[str, float], cores: int) -> dict[str, float]:
+    """The part of each processor that is left under each load; all of it where the tasks want too little for a load."""
+    whole = sum(wanted.values())
+    return {load: round(min(1.0, max(SLOWEST, whole / (cores * part))), 3) for load, part in LOADS.items()}
+
+
+def deadline(own: float, ended: Sequence[Ended]) -> float:
+    """The task's own deadline, in seconds, doubled until it keeps it alone, LONGER times at most."""
+    for _ in range(LONGER):
+        if solo(own, ended) >= FAIR:
+            break
+        own *= 2
+    return own
+
+
+def solo(own: float, ended: Sequence[Ended]) -> float:
+    """The part of what was due that was done within a deadline."""
+    return sum(one.response is not None and one.response <= own for one in ended) / len(ended) if ended else math.nan

@@ -1,0 +1,44 @@
+"""Waits until a machine is quiet enough to be measured on."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING
+
+from timelines.demo.deploy import DeployError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+QUIET = 0.2
+"""Part of all processors that may be busy before a run: Kubernetes, and a robot whose modules wait."""
+LOOK = 2.0
+"""Seconds over which that is taken."""
+PATIENCE = 180.0
+
+
+def busy_seconds() -> float:
+    """CPU seconds that the whole machine has spent on anything, user and kernel, since it was booted."""
+    with open("/proc/stat", encoding="ascii") as file:  # noqa: PTH123 - a file of the kernel
+        user, nice, system, _idle, _waiting, hard, soft, stolen, *_ = map(int, file.readline().split()[1:])
+    return (user + nice + system + hard + soft + stolen) / os.sysconf("SC_CLK_TCK")
+
+
+def wait_until_calm(
+    busy: Callable[[], float] = busy_seconds,
+    sleep: Callable[[float], None] = time.sleep,
+    cores: int = os.cpu_count() or 1,
+) -> float:
+    """Wait until the machine is quiet, and return the part of it that was busy; DeployError if it never is.
+
+    The kernel tells nobody when it is idle, so this looks, for at most PATIENCE seconds.
+    """
+    part = 1.0
+    for _ in range(round(PATIENCE / LOOK)):
+        before = busy()
+        sleep(LOOK)
+        part = (busy() - before) / (LOOK * cores)
+        if part <= QUIET:
+            return round(part, 3)
+    raise DeployError(f"the machine was {part:.0%} busy after {PATIENCE:g} s of waiting: nothing else may run on it")

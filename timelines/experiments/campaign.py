@@ -1,0 +1,172 @@
+"""All runs, or what is left of them: prepare what has to be frozen, then block after block, each kept as it ends."""
+
+from __future__ import annotations
+
+import datetime as dt
+import subprocess
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from contextpolicy.policy.quantities import parse_duration
+from contextpolicy.streams.timeline import load
+from timelines.demo import deploy
+from timelines.experiments import collect, installation
+from timelines.experiments.accuracy import Judge
+from timelines.experiments.blocks import is_reported, seconds_left
+from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
+from timelines.experiments.raw_data import RUN, read_run
+from timelines.experiments.record import Record, block, packed, unpacked
+from timelines.experiments.run import Conditions, execute
+from timelines.experiments.schedules import fingerprint, module_file, schedule
+from timelines.experiments.stories import Use
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from timelines.experiments.blocks import Trial
+    from timelines.experiments.due import Schedule
+    from timelines.experiments.stories import Story
+
+@dataclass(frozen=True, slots=True)
+class Folders:
+    """Where things are: recordings of single runs (`raw`), what is committed (`data`), and what is played."""
+
+    raw: Path
+    data: Path
+    datasets: Path
+    timelines: Path
+    """The stories' timelines, as `python -m timelines.scenarios` makes them."""
+
+    def timeline(self, story: Story) -> Path:
+        """A story's timeline; the paper's are committed."""
+        folder = deploy.REPOSITORY / "timelines" if story.use is Use.PAPER else self.timelines
+        return folder / f"{story.name}.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What all runs of a load share: the part of each processor that is left, and the deadlines (seconds)."""
+
+    part: float
+    deadlines: Mapping[str, float]
+
+
+class Workbench:
+    """Does single runs, none of them twice: what is finished is read again."""
+
+    def __init__(self, folders: Folders) -> None:
+        self.folders = folders
+        self.took: dict[str, tuple[float, float]] = {}
+        self._installed: tuple[bool, bool] | None = None
+        self._schedules: dict[str, Schedule] = {}
+
+    def has(self, place: str, trial: Trial) -> bool:
+        """Whether a run is finished."""
+        return self._file(place, trial).exists()
+
+    def record(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> Record:
+        """The record of a run, which is done if it was not yet; `place` is a folder of such runs."""
+        if not self.has(place, trial):
+            self._do(place, trial, setting, weights)
+        return Record.of_json(unpacked(self._file(place, trial).read_bytes()))
+
+    def schedule(self, story: Story, deadlines: Mapping[str, float]) -> Schedule:
+        """What is due in a story; of those that are reported it is kept, and may not change."""
+        timeline = self.folders.timeline(story)
+        key = fingerprint(story, timeline, deadlines)
+        if key not in self._schedules:
+            found = schedule(story, timeline, self.folders.datasets, deadlines, installation.cores())
+            if is_reported(story):
+                write_schedule(self.folders.data, story.name, found)
+            self._schedules[key] = found
+        return self._schedules[key]
+
+    def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
+        began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
+        due = self.schedule(trial.story, setting.deadlines)
+        self._install(trial)
+        if not (folder / RUN).exists():  # it may have been played already, and not been understood
+            execute(trial, Conditions(timeline, self.folders.datasets, setting.part, weights), folder)
+        run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
+        judged = {} if trial.configuration.alone else judge.accuracy(run)
+        self._file(place, trial).write_bytes(packed(collect.record(trial, run, due, judged).as_json()))
+        self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())
+
+    def _install(self, trial: Trial) -> None:
+        """Install the operator again only where another configuration needs it otherwise."""
+        wanted = (trial.configuration.agent, trial.configuration.realtime)
+        if self._installed != wanted:
+            installation.stop_robot()
+            installation.install(trial.configuration)
+            self._installed = wanted
+
+    def _timeline(self, trial: Trial) -> Path:
+        return self.folders.timeline(trial.story)
+
+    def _folder(self, place: str, trial: Trial) -> Path:
+        return self.folders.raw / "runs" / place / trial.name
+
+    def _file(self, place: str, trial: Trial) -> Path:
+        return self._folder(place, trial).with_suffix(ENDING)
+
+
+class Campaign:
+    """Blocks of runs, one after the other."""
+
+    def __init__(
+        self,
+        bench: Workbench,
+        settings: Mapping[str, Setting],
+        tuned: Mapping[bool, Mapping[str, int]],
+        say: Callable[[str], None],
+    ) -> None:
+        """`settings` are by load, `tuned` the searched weights without and with gating."""
+        self._bench, self._settings, self._tuned, self._say = bench, settings, tuned, say
+
+    def run(self, trials: Sequence[Trial], *, until: Callable[[float], bool], commit: bool) -> int:
+        """Do what is missing while `until` says that so many seconds are left; returns how many runs are left."""
+        missing = [trial for trial in trials if not self._bench.has(trial.group, trial)]
+        for number, trial in enumerate(missing):
+            if not until(seconds_left(self._bench.took, [trial])):
+                return len(missing) - number
+            minutes = seconds_left(self._bench.took, missing[number:]) / 60
+            self._say(f"[{number + 1}/{len(missing)}, {minutes:.0f} min left] {trial}")
+            self._record(trial)
+            self._keep(trial.group, trials, commit=commit)
+        for group in dict.fromkeys(trial.group for trial in trials):
+            if not self._path(group).exists():  # it was lost, or we were stopped before it was written
+                self._keep(group, trials, commit=commit)
+        return 0
+
+    def _record(self, trial: Trial) -> Record:
+        setting, weights = self._settings[trial.load], self._tuned[trial.configuration.gated]
+        return self._bench.record(trial.group, trial, setting, weights)
+
+    def _keep(self, group: str, trials: Sequence[Trial], *, commit: bool) -> None:
+        """Write a block's file once all of its runs are done."""
+        own = [trial for trial in trials if trial.group == group]
+        if not all(self._bench.has(group, trial) for trial in own):
+            return
+        path = self._path(group)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(block(self._record(trial) for trial in own))
+        if commit:
+            _commit(self._bench.folders.data, f"Keep block {group} of the experiments")
+
+    def _path(self, group: str) -> Path:
+        return self._bench.folders.data / BLOCKS / f"{group}{ENDING}"
+
+
+def own_deadlines() -> dict[str, float]:
+    """What each module says of itself, in seconds."""
+    needs = {task: module_file(task)["needs"].get("deadline") for task in deploy.TASKS}
+    return {task: parse_duration(text) for task, text in needs.items() if text is not None}
+
+
+def _commit(data: Path, message: str) -> None:
+    """Commit what is kept, and nothing else that may have been changed."""
+    for command in (["add", "--", str(data)], ["commit", "--quiet", "--message", message, "--", str(data)]):
+        done = subprocess.run(["git", *command], cwd=deploy.REPOSITORY, capture_output=True, text=True, check=False)  # noqa: S607
+        if done.returncode:
+            raise deploy.DeployError(f"git {' '.join(command)}\n{done.stderr or done.stdout}")

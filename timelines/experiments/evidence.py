@@ -1,0 +1,92 @@
+"""All that was measured, as it is committed: what is due in each story, the runs of each block, what was frozen."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from timelines.experiments.configurations import ALONE
+from timelines.experiments.due import Schedule
+from timelines.experiments.metrics import Pair, Run
+from timelines.experiments.record import Record, RecordError, packed, records, unpacked
+from timelines.experiments.stories import HELD_OUT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from timelines.experiments.stories import Story
+
+BLOCKS, SCHEDULES, FROZEN = "blocks", "schedules", "frozen.json"
+ENDING = ".json.xz"
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """`runs` are by load, story and configuration, then by block; `frozen` is what was calibrated before them."""
+
+    schedules: Mapping[str, Schedule]
+    runs: Mapping[tuple[str, str, str], Mapping[int, Record]]
+    frozen: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, folder: Path) -> Evidence:
+        """All of a folder; nothing where there is none."""
+        found: dict[tuple[str, str, str], dict[int, Record]] = {}
+        for path in sorted((folder / BLOCKS).glob(f"*{ENDING}")):
+            for one in records(path.read_bytes()):
+                found.setdefault((one.load, one.story, one.configuration), {})[one.block] = one
+        return cls(
+            {path.name.removesuffix(ENDING): read_schedule(path) for path in _schedules(folder)},
+            found,
+            read_frozen(folder),
+        )
+
+    def of(self, load: str, story: str, configuration: str) -> list[Run]:
+        """Its runs, by block."""
+        own = self.runs.get((load, story, configuration), {})
+        return [Run(self.schedules[story], own[block]) for block in sorted(own)]
+
+    def pairs(
+        self, load: str, configuration: str, against: str, stories: Sequence[Story] = HELD_OUT
+    ) -> Iterator[tuple[int, Pair]]:
+        """Each run beside the other configuration's in the same block; runs of each task alone have few blocks."""
+        for story in (one.name for one in stories):
+            bases = self.runs.get((load, story, against), {})
+            for block, record in sorted(self.runs.get((load, story, configuration), {}).items()):
+                number = block % len(bases) if against == ALONE.name and bases else block
+                if number in bases:
+                    yield block, Pair(self.schedules[story], record, bases[number])
+
+
+def read_frozen(folder: Path) -> Mapping[str, Any]:
+    """What was calibrated; empty before."""
+    path = folder / FROZEN
+    frozen: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return frozen
+
+
+def write_frozen(folder: Path, frozen: Mapping[str, Any]) -> None:
+    """Keep it for people to read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / FROZEN).write_text(json.dumps(frozen, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def read_schedule(path: Path) -> Schedule:
+    """What is due in a story."""
+    return Schedule.of_json(unpacked(path.read_bytes()))
+
+
+def write_schedule(folder: Path, story: str, schedule: Schedule) -> None:
+    """Keep what is due; RecordError if it was something else, since runs of both can't be compared."""
+    path = folder / SCHEDULES / f"{story}{ENDING}"
+    data = packed(schedule.as_json())
+    if path.exists() and path.read_bytes() != data:
+        raise RecordError(f"{path}: the story, its policy or a deadline has changed: begin anew in an empty folder")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def _schedules(folder: Path) -> list[Path]:
+    return sorted((folder / SCHEDULES).glob(f"*{ENDING}"))

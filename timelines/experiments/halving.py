@@ -1,0 +1,102 @@
+"""Static weights tuned for the tuning stories: what the best user could have written without contexts. Pure, and seeded.
+
+Successive halving (Karnin, Koren, Somekh 2013; the inner loop of Hyperband): sixteen sets of weights run the first story,
+the better half of them the second as well, and so on. The first four are what a user writes at once: equal weights, those
+by priority, by need, and what is critical or protected somewhere above the rest; equal weights and those by priority are
+never dropped, since a model or a lucky run may rank them too low. The rest is drawn log-uniformly. A set is worth its worst
+context, where a context is worth the lowest hit rate among its critical task and the protected ones, in steps of half a
+point; then the mean of the contexts. The held-out stories take no part in it.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from statistics import fmean
+from typing import TYPE_CHECKING, NamedTuple
+
+from timelines.experiments.blocks import SEED
+from timelines.experiments.metrics import contexts
+from timelines.experiments.stories import CRITICAL, PROTECTED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from timelines.experiments.metrics import Run
+
+CANDIDATES = 16
+KEPT = (8, 4, 4)
+"""How many go on after each story but the last."""
+ALWAYS = 2
+LEAST, MOST = 2, 4096
+"""CPU shares, in the kubelet's unit."""
+STEPS = 200
+"""Of a hit rate: half a point each."""
+
+Weights = dict[str, int]
+
+
+class Score(NamedTuple):
+    """How good weights are; compares in this order."""
+
+    worst: float
+    contexts: float
+
+
+class Tried(NamedTuple):
+    """A set of weights, how good it was, and on how many stories."""
+
+    stories: int
+    score: Score
+    weights: Weights
+
+
+def candidates(priorities: Mapping[str, float], wanted: Mapping[str, float], count: int = CANDIDATES) -> list[Weights]:
+    """What is tried: by `priorities` of the policy, and by the cores that each task wants."""
+    numbers = random.Random(SEED)  # noqa: S311 - no secret
+    important = {*CRITICAL.values(), *PROTECTED}
+    found: list[Weights] = [
+        dict.fromkeys(priorities, 256),
+        _scaled(priorities),
+        _scaled({name: wanted.get(name, 0.0) for name in priorities}),
+        {name: 1024 if name in important else 16 for name in priorities},
+    ]
+    while len(found) < count:
+        found.append({name: _anything(numbers) for name in priorities})
+    return found[:count]
+
+
+def halved(tries: Sequence[Weights], stories: Sequence[str], run: Callable[[int, Weights, str], Run]) -> list[Tried]:
+    """Run them, fewer on each story; the best of those that ran all stories comes first. `run` gets a set's number."""
+    runs: dict[int, list[Run]] = {number: [] for number in range(len(tries))}
+    alive = list(runs)
+    for place, story in enumerate(stories):
+        for number in alive:
+            runs[number].append(run(number, tries[number], story))
+        if place < len(stories) - 1:
+            ranked = sorted(alive, key=lambda number: score(runs[number]), reverse=True)
+            alive = sorted({*ranked[: KEPT[min(place, len(KEPT) - 1)]], *range(min(ALWAYS, len(tries)))})
+    found = [Tried(len(own), score(own), tries[number]) for number, own in runs.items()]
+    return sorted(found, key=lambda one: one[:2], reverse=True)
+
+
+def score(runs: Sequence[Run]) -> Score:
+    """How good weights were in all of these runs."""
+    rates: dict[str, list[float]] = {}
+    for run in runs:
+        for context, task in contexts(run.schedule).items():
+            own = [name for name in (task, *PROTECTED) if name in run.schedule.inputs]
+            hit = min(run.tally(name, context).hit for name in own)
+            rates.setdefault(context, []).append(hit)
+    means = [fmean(own) for own in rates.values()]
+    return Score(math.floor(min(means) * STEPS + 1e-9) / STEPS, fmean(means))
+
+
+def _scaled(sizes: Mapping[str, float]) -> Weights:
+    """In proportion, the largest a core's shares."""
+    most = max(sizes.values()) or 1.0
+    return {name: max(LEAST, round(1024 * size / most)) for name, size in sizes.items()}
+
+
+def _anything(numbers: random.Random) -> int:
+    return round(math.exp(numbers.uniform(math.log(LEAST), math.log(MOST))))

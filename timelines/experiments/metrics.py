@@ -1,0 +1,159 @@
+"""What is compared between two runs of a block. Pure: each measure gives, case by case, the run's value and the other's.
+
+A rate is over the inputs that their context wants, by the timeline. What was never done has a response time of NEVER.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from timelines.experiments.accounting import Ended, Tally, cpu_of_same, quantile, wanted
+from timelines.experiments.record import TENTHS
+from timelines.experiments.stories import CRITICAL, PROTECTED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from timelines.experiments.due import Schedule
+    from timelines.experiments.record import Record
+
+NEVER = 60.0
+"""Seconds: as long as a story, so that what was never done can be compared."""
+POINTS_PER_METRE = 2.0
+"""A trajectory error of a centimetre weighs as much as two points of a rate."""
+
+
+class Case(NamedTuple):
+    """A value, and the one that it is compared with."""
+
+    value: float
+    base: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Two runs of the same story in the same block."""
+
+    schedule: Schedule
+    record: Record
+    base: Record
+
+    def both(self, measure: Callable[..., float], *what: str) -> Case:
+        """A measure of both, of a task or of a task in a context."""
+        return Case(measure(Run(self.schedule, self.record), *what), measure(Run(self.schedule, self.base), *what))
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run beside what was due in it."""
+
+    schedule: Schedule
+    record: Record
+
+    def ended(self, task: str) -> list[Ended]:
+        """How all of a task's inputs ended."""
+        return self.record.ended(self.schedule, task, self.schedule.deadlines.get(task, math.inf))
+
+    def wanted(self, task: str, context: str | None = None, *, onset: bool | None = None) -> list[Ended]:
+        """How those ended that their context wants."""
+        return wanted(self.schedule.of(task), self.ended(task), context, onset=onset)
+
+    def tally(self, task: str, context: str | None = None, *, onset: bool | None = None) -> Tally:
+        """The same, counted."""
+        return Tally.of(one.ending for one in self.wanted(task, context, onset=onset))
+
+    def p99(self, task: str) -> float:
+        """Seconds, at most NEVER."""
+        return min(quantile(self.wanted(task), 0.99), NEVER)
+
+    def commands(self, context: str) -> tuple[int, list[float]]:
+        """Frames that are due in a context, and the seconds from each to its wheel command, where there was one."""
+        frames = [one for one in self.schedule.of("slam") if one.context == context and one.wanted]
+        numbers = {one.number for one in frames}
+        return len(frames), [late / TENTHS for number, late in self.record.commands if number in numbers]
+
+
+def contexts(schedule: Schedule) -> dict[str, str]:
+    """Each context of a story that is about a task, with that task."""
+    about = [(window.name, name) for window in schedule.windows for name in window.contexts if name in CRITICAL]
+    return {context: CRITICAL[name] for context, name in about}
+
+
+def critical_hits(pair: Pair) -> dict[str, Case]:
+    """The part of the critical task's inputs that was done in time, in each context."""
+    return {
+        f"{context}: {task}": pair.both(_hit, task, context) for context, task in contexts(pair.schedule).items()
+    }
+
+
+def hits(pair: Pair) -> dict[str, Case]:
+    """The same of every task, over the whole story."""
+    return {task: pair.both(_hit, task) for task in _asked(pair)}
+
+
+def slowest(pair: Pair) -> dict[str, Case]:
+    """Seconds within which 99 % of every task's inputs were done."""
+    return {task: pair.both(Run.p99, task) for task in _asked(pair)}
+
+
+def coverage(pair: Pair) -> dict[str, Case]:
+    """The part that was done at all: of the critical task in its context, and of the protected ones throughout."""
+    critical = {
+        f"{context}: {task}": pair.both(_covered, task, context) for context, task in contexts(pair.schedule).items()
+    }
+    protected = {task: pair.both(_covered, task) for task in PROTECTED if task in pair.schedule.inputs}
+    return critical | protected
+
+
+def accuracy(pair: Pair) -> dict[str, Case]:
+    """How right the critical and the protected tasks were, as rates; a task without results was wrong throughout."""
+    judged = {*PROTECTED, *contexts(pair.schedule).values()}
+    both = pair.record.accuracy.keys() | pair.base.accuracy.keys()
+    return {
+        task: Case(_rate(pair.record.accuracy.get(task)), _rate(pair.base.accuracy.get(task)))
+        for task in sorted(judged & both)
+    }
+
+
+def cpu_per_input(pair: Pair) -> dict[str, Case]:
+    """CPU that all tasks took for those inputs that both runs did, as a multiple of the other's."""
+    before = after = 0.0
+    for task in pair.schedule.inputs:
+        own, its = Run(pair.schedule, pair.record).ended(task), Run(pair.schedule, pair.base).ended(task)
+        one, other = cpu_of_same(its, own)
+        before, after = before + one, after + other
+    return {"all tasks": Case(after / before, 1.0)} if before else {}
+
+
+def _hit(run: Run, task: str, context: str | None = None) -> float:
+    return run.tally(task, context).hit
+
+
+def _covered(run: Run, task: str, context: str | None = None) -> float:
+    return run.tally(task, context).coverage
+
+
+def _rate(judged: object) -> float:
+    match judged:
+        case [_, value, "m", _, _]:
+            return 1 - POINTS_PER_METRE * float(value)
+        case [_, value, _, _, _]:
+            return float(value) / 100
+    return 0.0
+
+
+def _asked(pair: Pair) -> list[str]:
+    """The tasks of which anything is due in a context that wants it."""
+    return [task for task in pair.schedule.inputs if any(one.wanted for one in pair.schedule.of(task))]
+
+
+METRICS: Mapping[str, Callable[[Pair], dict[str, Case]]] = {
+    "critical hit rate": critical_hits,
+    "hit rate": hits,
+    "p99": slowest,
+    "coverage": coverage,
+    "accuracy": accuracy,
+    "CPU per same input": cpu_per_input,
+}

@@ -1,0 +1,98 @@
+"""What is found out before the first block, and then frozen: how slow the processors are, deadlines, static weights."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING, Any
+
+from timelines.experiments import calibration, installation
+from timelines.experiments.blocks import HEAVY, LIGHT, Trial
+from timelines.experiments.campaign import Setting, own_deadlines
+from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
+from timelines.experiments.halving import candidates, halved
+from timelines.experiments.metrics import Run
+from timelines.experiments.stories import STORIES, TUNING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from timelines.experiments.campaign import Workbench
+    from timelines.experiments.halving import Weights
+
+    Frozen = Mapping[str, Any]
+
+UNCALIBRATED: Mapping[str, float] = {LIGHT: 1.0, HEAVY: 0.5}
+"""The part of each processor that is left where nothing was calibrated: for a quick look only."""
+
+
+class Preparation:
+    """Calibrates and tunes on the tuning stories; runs that are finished are not repeated."""
+
+    def __init__(self, bench: Workbench, say: Callable[[str], None]) -> None:
+        self._bench, self._say = bench, say
+
+    def calibrated(self) -> dict[str, Any]:
+        """The part of each processor that is left under each load, and deadlines that each task keeps alone."""
+        own = own_deadlines()
+        wanted = calibration.demand(self._alone(Setting(1.0, own)))
+        parts = calibration.parts(wanted, installation.cores())
+        self._say(f"wanted: {_words(wanted, 'cores')}; left of each processor: {_words(parts)}")
+        slow = self._alone(Setting(parts[HEAVY], own))
+        ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
+        deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
+        solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
+        self._say(f"deadlines: {_words(deadlines, 's')}; kept alone: {_words(solo)}")
+        date = dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds")
+        return {"date": date, "wanted": wanted, "parts": parts, "deadlines": deadlines, "solo": solo}
+
+    def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
+        """The static weights that the search found, and what it tried."""
+        setting = settings(frozen)[HEAVY]
+        configuration = STATIC_GATED if gated else STATIC
+
+        def run(number: int, weights: Weights, story: str) -> Run:
+            self._say(f"{configuration.title}, set {number + 1}: {story}")
+            trial = Trial(HEAVY, STORIES[story], configuration, 0, number)
+            record = self._bench.record(f"tuning/{number + 1:02}", trial, setting, weights)
+            return Run(self._bench.schedule(trial.story, setting.deadlines), record)
+
+        tries = candidates(priorities(), frozen["wanted"])
+        found = halved(tries, [story.name for story in TUNING], run)
+        return {"weights": found[0].weights, "tried": [list(one) for one in found]}
+
+    def _alone(self, setting: Setting) -> list[Run]:
+        found = []
+        for story in TUNING:
+            self._say(f"each task alone, {setting.part:.0%} of each processor: {story.name}")
+            trial = Trial(HEAVY, story, ALONE, 0, 0)
+            record = self._bench.record(f"calibration/{setting.part:g}", trial, setting, {})
+            found.append(Run(self._bench.schedule(story, setting.deadlines), record))
+        return found
+
+
+def settings(frozen: Frozen) -> dict[str, Setting]:
+    """What was frozen for each load, or what does for a quick look."""
+    parts, deadlines = frozen.get("parts", UNCALIBRATED), frozen.get("deadlines") or own_deadlines()
+    return {load: Setting(part, deadlines) for load, part in parts.items()}
+
+
+def tuned_weights(frozen: Frozen) -> dict[bool, Weights]:
+    """The searched weights without and with gating; those by priority where nothing was searched."""
+    by_priority = candidates(priorities(), {}, 2)[1]
+    found = frozen.get("tuned", {})
+    return {gated: found.get(name(gated=gated), {}).get("weights", by_priority) for gated in (False, True)}
+
+
+def name(*, gated: bool) -> str:
+    """Under which name searched weights are frozen."""
+    return "gated" if gated else "ungated"
+
+
+def priorities() -> dict[str, float]:
+    """What the policy of the stories says of each task."""
+    tasks = installation.policy_document(TUNING[0])["spec"]["tasks"]
+    return {task["name"]: float(task.get("priority", 1)) for task in tasks}
+
+
+def _words(values: Mapping[str, float], unit: str = "") -> str:
+    return ", ".join(f"{name} {value:.3g} {unit}".rstrip() for name, value in values.items())

@@ -1,0 +1,96 @@
+"""Figures over blocks, for tables and pictures. Pure."""
+
+from __future__ import annotations
+
+from statistics import fmean, median
+from typing import TYPE_CHECKING
+
+from timelines.experiments.accounting import Ending, Tally
+from timelines.experiments.metrics import contexts
+from timelines.experiments.paired import bootstrap
+from timelines.experiments.record import TENTHS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from timelines.experiments.due import Schedule
+    from timelines.experiments.metrics import Run
+    from timelines.experiments.paired import Interval
+
+CONTROL = ("operator", "router", "agent")
+"""Containers of what decides and carries it out; the router is the bus, which a robot has anyway."""
+
+
+def by_context(schedules: Iterable[Schedule]) -> dict[str, str]:
+    """The contexts of some stories with the task that each is about."""
+    return {context: task for schedule in schedules for context, task in contexts(schedule).items()}
+
+
+def critical(runs: Sequence[Run], context: str, task: str) -> Interval | None:
+    """The critical task's hit rate in a context, over blocks: each run that has the context is one value."""
+    values = [run.tally(task, context).hit for run in runs if context in contexts(run.schedule)]
+    return bootstrap(values) if values else None
+
+
+def whole(runs: Sequence[Run], task: str) -> Interval | None:
+    """A task's hit rate over whole stories."""
+    values = [tally.hit for run in runs if task in run.schedule.inputs and (tally := run.tally(task)).due]
+    return bootstrap(values) if values else None
+
+
+def endings(runs: Sequence[Run], task: str) -> Mapping[Ending, float]:
+    """How all of a task's inputs ended, on average over runs, also those that no context wants."""
+    tallies = [Tally.of(one.ending for one in run.ended(task)) for run in runs]
+    return {ending: fmean(tally.count(ending) for tally in tallies) for ending in Ending}
+
+
+def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] | None:
+    """The critical task's hit rate at the context's onset, and after it."""
+    own = [run for run in runs if context in contexts(run.schedule)]
+    pairs = [[run.tally(task, context, onset=early).hit for early in (True, False)] for run in own]
+    return (fmean(early for early, _ in pairs), fmean(later for _, later in pairs)) if pairs else None
+
+
+def used(runs: Sequence[Run], containers: Iterable[str]) -> float:
+    """CPU seconds of containers, the median over runs."""
+    return median(sum(_last(run, name) for name in containers) for run in runs)
+
+
+def used_by_all_else(runs: Sequence[Run]) -> float:
+    """CPU seconds of Kubernetes, of what plays and records, and of strangers; not of what slows the processors."""
+    known = [sum(_last(run, name) for name in (*run.schedule.inputs, *CONTROL)) for run in runs]
+    return median(
+        run.record.about["busy"] - run.record.about["stolen"] - own for run, own in zip(runs, known, strict=True)
+    )
+
+
+def lateness(runs: Sequence[Run]) -> tuple[float, float]:
+    """How late the player was itself, in milliseconds: of all inputs the median, and within which 99 % were."""
+    every = sorted(late for run in runs for own in run.record.late.values() for late in own)
+    return (every[len(every) // 2] / 10, every[len(every) * 99 // 100] / 10) if every else (0.0, 0.0)
+
+
+def commands(runs: Sequence[Run], context: str) -> tuple[float, float | None, float | None]:
+    """Wheel commands as a part of the frames due in a context, and the median and 99 % of their latency, in seconds."""
+    found = [run.commands(context) for run in runs]
+    due, times = sum(one for one, _ in found), sorted(time for _, own in found for time in own)
+    part = len(times) / due if due else 0.0
+    return (part, times[len(times) // 2], times[len(times) * 99 // 100]) if times else (part, None, None)
+
+
+def stops(runs: Sequence[Run]) -> tuple[int, int, float | None]:
+    """How many "stop" were said, how many stopped the wheels, and the median of the seconds from its end until then."""
+    said = sum(len(run.schedule.stops) for run in runs)
+    times = sorted(late / TENTHS for run in runs for _, late in run.record.stops)
+    return said, len(times), times[len(times) // 2] if times else None
+
+
+def responses(runs: Sequence[Run], context: str, task: str) -> tuple[list[float], int]:
+    """Response times of the critical task in a context, ascending, and how many inputs were due."""
+    ended = [one for run in runs for one in run.wanted(task, context)]
+    return sorted(one.response for one in ended if one.response is not None), len(ended)
+
+
+def _last(run: Run, container: str) -> float:
+    own = run.record.used.get(container) or [0]
+    return own[-1] / 1000

@@ -1,0 +1,74 @@
+"""What is due in a story: read from its timeline and recordings, and from the simulation of its policy."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from contextpolicy.policy.validation.policy_file import load_policy
+from contextpolicy.simulation.robot import NODE, Robot
+from contextpolicy.simulation.run import simulate
+from contextpolicy.streams.timeline import load
+from timelines.demo import deploy
+from timelines.experiments.due import Schedule, windows
+from timelines.replay.player import TimelineInputs
+from timelines.scenarios.inputs import WORD_S
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from contextpolicy.streams.timeline import Timeline
+    from timelines.experiments.stories import Story
+
+MODULES = deploy.REPOSITORY / "modules"
+
+
+def module_file(task: str) -> dict[str, Any]:
+    """What a task's module.yaml says."""
+    document: dict[str, Any] = yaml.safe_load((MODULES / task / "module.yaml").read_text(encoding="utf-8"))
+    return document
+
+
+def inputs_of(task: str) -> dict[str, str]:
+    """The key of each of a task's inputs."""
+    return {name: entry["key"] for name, entry in module_file(task)["inputs"].items()}
+
+
+def schedule(story: Story, timeline: Path, datasets: Path, deadlines: Mapping[str, float], cores: int) -> Schedule:
+    """What is due in a story on a node with so many cores; DatasetError if a recording is missing."""
+    told = load(timeline)
+    policy = load_policy(str(story.policy_file))
+    plans = simulate(policy, told, robot=Robot({NODE: cores * 1000})).plans
+    keys = _times(told, datasets)
+    inputs = {task: {name: key for name, key in inputs_of(task).items() if key in keys} for task in deploy.TASKS}
+    return Schedule(told.duration, keys, inputs, dict(deadlines), windows(plans, told.duration), _stops(told))
+
+
+def fingerprint(story: Story, timeline: Path, deadlines: Mapping[str, float]) -> str:
+    """Of all that a story's schedule follows from, but for recordings, which have one of their own."""
+    digest = hashlib.sha256(repr(sorted(deadlines.items())).encode())
+    for path in (timeline, story.policy_file):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _times(told: Timeline, datasets: Path) -> dict[str, list[float]]:
+    """When each key's inputs come, in whole milliseconds, as they are kept."""
+    found: dict[str, list[float]] = defaultdict(list)
+    for at, key, _ in TimelineInputs(told, datasets).timed(0.0):
+        if at < told.duration:
+            found[key].append(round(at * 1000) / 1000)
+    return dict(found)
+
+
+def _stops(told: Timeline) -> list[tuple[float, float]]:
+    words = [word for one in told.entries if one.key == "robot/microphone" for word in _list(one.truth)]
+    return [(word["at"], round(word["at"] + WORD_S, 6)) for word in words if word["keyword"] == "stop"]
+
+
+def _list(truth: object) -> list[Any]:
+    return truth if isinstance(truth, list) else []

@@ -1,0 +1,52 @@
+"""Processors that are as slow as a board's: what makes them so is a thread of realtime priority on each.
+
+It takes its part of every two milliseconds, so that all else, the kubelet and our own measuring included, gets the rest. A
+CPU quota would not do: within its period it lets work run at full speed and then stops it, and what takes less than the
+quota is not slowed at all. These threads compete with realtime tasks: such rows are not to be measured beside them.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PERIOD = 0.002
+HEADROOM = 0.9
+"""The kernel stops realtime threads that take more than 95 % of each second."""
+
+
+@contextmanager
+def slowed(part: float) -> Iterator[None]:
+    """Leave this part of each processor to the rest of the machine; with all of it nothing is started."""
+    processors = sorted(os.sched_getaffinity(0)) if part < 1 else ()
+    # Programs of their own, which import nothing of this project: what they took to start would be missing from a run.
+    thieves = [subprocess.Popen([sys.executable, __file__, str(cpu), str(1 - part)]) for cpu in processors]
+    try:
+        yield
+    finally:
+        for thief in thieves:
+            thief.kill()
+            thief.wait()
+
+
+def _steal(cpu: int, part: float) -> None:
+    os.sched_setaffinity(0, {cpu})
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    # All at once: the kernel moves a thread whose processor is taken to one that is not.
+    begin, parent = time.monotonic() // PERIOD * PERIOD, os.getppid()
+    while os.getppid() == parent:
+        while time.monotonic() < begin + part * PERIOD:
+            pass
+        begin += PERIOD
+        time.sleep(max(0.0, begin - time.monotonic()))
+
+
+if __name__ == "__main__":
+    _steal(int(sys.argv[1]), float(sys.argv[2]))

@@ -1,0 +1,73 @@
+"""Whether the goals are met, block by block. Pure."""
+
+from __future__ import annotations
+
+from statistics import fmean
+from typing import TYPE_CHECKING, NamedTuple
+
+from timelines.experiments.goals import GOALS, SIGNIFICANT, Goal
+from timelines.experiments.metrics import METRICS
+from timelines.experiments.paired import Interval, bootstrap, holm, sign_flip
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from timelines.experiments.evidence import Evidence
+    from timelines.experiments.metrics import Case
+
+
+class Judged(NamedTuple):
+    """One case of a goal: means of both values over blocks and stories, the gain over what is asked, its probability."""
+
+    name: str
+    value: float
+    base: float
+    gain: Interval
+    probability: float
+
+
+class Verdict(NamedTuple):
+    """A goal with its cases, and the probability of the least sure one, corrected for the number of goals."""
+
+    goal: Goal
+    cases: Sequence[Judged]
+    probability: float
+
+    @property
+    def met(self) -> bool | None:
+        """None where nothing was measured."""
+        return self.probability <= SIGNIFICANT if self.cases else None
+
+    @property
+    def worst(self) -> Judged | None:
+        """The least sure case."""
+        return max(self.cases, key=lambda case: (case.probability, -case.gain.low), default=None)
+
+
+def verdicts(evidence: Evidence, goals: Sequence[Goal] = GOALS) -> list[Verdict]:
+    """All goals; one without runs counts in the correction as well, so that leaving runs out gains nothing."""
+    cases = {goal.name: judged(evidence, goal) for goal in goals}
+    raw = {name: max((case.probability for case in own), default=1.0) for name, own in cases.items()}
+    corrected = holm(raw)
+    return [Verdict(goal, cases[goal.name], corrected[goal.name]) for goal in goals]
+
+
+def judged(evidence: Evidence, goal: Goal) -> list[Judged]:
+    """Each case of a goal. The block is the unit: its stories are averaged."""
+    found: dict[str, dict[int, list[Case]]] = {}
+    for block, pair in evidence.pairs(goal.load, goal.configuration, goal.against):
+        for name, case in METRICS[goal.metric](pair).items():
+            found.setdefault(name, {}).setdefault(block, []).append(case)
+    return [_judged(goal, name, blocks) for name, blocks in found.items()]
+
+
+def _judged(goal: Goal, name: str, blocks: Mapping[int, Sequence[Case]]) -> Judged:
+    gains = [fmean(goal.gain(*case) for case in cases) for cases in blocks.values()]
+    every = [case for cases in blocks.values() for case in cases]
+    value, base = _means(every)
+    return Judged(name, value, base, bootstrap(gains), sign_flip(gains))
+
+
+def _means(cases: Iterable[Case]) -> tuple[float, float]:
+    values, bases = zip(*cases, strict=True)
+    return fmean(values), fmean(bases)
