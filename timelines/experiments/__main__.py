@@ -1,8 +1,8 @@
 """`python -m timelines.experiments`: run what has not been run yet, then write the report.
 
-Before the first block it calibrates the loads and searches static weights on the tuning stories, and freezes both. It goes
-on where it was stopped. With any choice (stories, configurations, loads, blocks) it is a quick look: nothing is calibrated
-for it, and it goes to a folder of its own.
+Before the first block it calibrates the loads and searches static weights on the tuning stories, and freezes both. It
+goes on where it was stopped. With any choice (stories, configurations, loads, blocks) it is a quick look: nothing is
+calibrated for it, and it goes to a folder of its own.
 """
 
 from __future__ import annotations
@@ -32,8 +32,6 @@ from timelines.experiments.stories import HELD_OUT, PAPER
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from timelines.experiments.blocks import Trial
-
 OUT = deploy.REPOSITORY / "build" / "experiments"
 DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
 REPORTED = [story.name for story in (*HELD_OUT, *PAPER)]
@@ -52,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _run(options, Workbench(folders), quick=quick)
         evidence = Evidence.read(data)
         if evidence.runs:
-            _say(f"report: {write_report(evidence, options.report or raw)}")
+            Lines().say(f"report: {write_report(evidence, options.report or raw)}")
     except (ContextPolicyError, DatasetError, deploy.DeployError, RecordError) as error:
         console.print(f"[red]{error}[/]", highlight=False)
         return 1
@@ -63,7 +61,7 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> None:
     data = bench.folders.data
     frozen = dict(read_frozen(DATA if quick else data))
     if not quick:
-        _prepare(Preparation(bench, _say), frozen, data)
+        _prepare(Preparation(bench, Lines()), frozen, data)
     found = settings(frozen)
     chosen = list(
         trials(
@@ -74,10 +72,10 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> None:
             can=lambda configuration, load: installation.can(configuration, slow=found[load].part < 1),
         )
     )
-    campaign = Campaign(bench, found, tuned_weights(frozen), _say)
+    campaign = Campaign(bench, found, tuned_weights(frozen), Lines())
     left = campaign.run(chosen, until=_until(options.minutes), commit=options.commit)
     if left:
-        _say(f"{left} runs are left: the same command goes on with them")
+        Lines().say(f"{left} runs are left: the same command goes on with them")
 
 
 def _prepare(preparation: Preparation, frozen: dict[str, object], data: Path) -> None:
@@ -98,8 +96,12 @@ def _until(minutes: float) -> Callable[[float], bool]:
     return lambda seconds: time.monotonic() + seconds <= ends
 
 
-def _say(line: str) -> None:
-    console.print(line, highlight=False, markup=False)
+class Lines:
+    """Progress on the console."""
+
+    def say(self, line: str) -> None:
+        """Print a line as it is."""
+        console.print(line, highlight=False, markup=False)
 
 
 def _parser() -> argparse.ArgumentParser:

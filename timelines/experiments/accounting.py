@@ -41,7 +41,7 @@ class Timing(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """How an input ended. `response` (seconds from its stamp to its result) and `cpu` (seconds) only where it was done."""
+    """How an input ended; where it was done, with the seconds from its stamp to its result, and those of CPU."""
 
     ending: Ending
     response: float | None = None

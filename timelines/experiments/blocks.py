@@ -5,7 +5,16 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING, NamedTuple
 
-from timelines.experiments.configurations import ADAPTIVE, ALONE, FACTORS, FIRST_LAW, PAPERS, REALTIME, VPA, Configuration
+from timelines.experiments.configurations import (
+    ADAPTIVE,
+    ALONE,
+    FACTORS,
+    FIRST_LAW,
+    PAPERS,
+    REALTIME,
+    VPA,
+    Configuration,
+)
 from timelines.experiments.stories import HELD_OUT, PAPER, Story, Use
 
 if TYPE_CHECKING:

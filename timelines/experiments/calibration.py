@@ -1,7 +1,7 @@
-"""How slow the processors have to be, and which deadlines are fair: from each task alone, before anything is compared. Pure.
+"""How slow the processors have to be, and which deadlines are fair, from each task alone, before any comparison. Pure.
 
-A load is what the tasks want, as a part of what there is. A task that fails alone has a deadline that this machine can't
-keep, which is no question of scheduling.
+A load is what the tasks want, as a part of what there is. A task that fails alone has a deadline that this machine
+can't keep, which is no question of scheduling.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LONGER = 2
 
 
 def demand(runs: Sequence[Run]) -> dict[str, float]:
-    """Cores that each task wants, from runs in which each was alone: its inputs, all of them, and what it does besides."""
+    """Cores that each task wants, from runs in which each was alone: all of its inputs, and what it does besides."""
     return {task: sum(_wanted(run, task) for run in runs) / len(runs) for task in runs[0].schedule.inputs}
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 QUIET = 0.2
 """Part of all processors that may be busy before a run: Kubernetes, and a robot whose modules wait."""
+CORES = os.cpu_count() or 1
 LOOK = 2.0
 """Seconds over which that is taken."""
 PATIENCE = 180.0
@@ -28,11 +29,11 @@ def busy_seconds() -> float:
 def wait_until_calm(
     busy: Callable[[], float] = busy_seconds,
     sleep: Callable[[float], None] = time.sleep,
-    cores: int = os.cpu_count() or 1,
+    cores: int = CORES,
 ) -> float:
     """Wait until the machine is quiet, and return the part of it that was busy; DeployError if it never is.
 
-    The kernel tells nobody when it is idle, so this looks, for at most PATIENCE seconds.
+    The kernel does not report when it becomes idle, so this looks, for at most PATIENCE seconds.
     """
     part = 1.0
     for _ in range(round(PATIENCE / LOOK)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import subprocess
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.streams.timeline import load
@@ -27,6 +27,13 @@ if TYPE_CHECKING:
     from timelines.experiments.blocks import Trial
     from timelines.experiments.due import Schedule
     from timelines.experiments.stories import Story
+
+class Progress(Protocol):
+    """Where it is reported what is done, and how long the rest takes."""
+
+    def say(self, line: str) -> None:
+        """Report a line."""
+
 
 @dataclass(frozen=True, slots=True)
 class Folders:
@@ -119,10 +126,10 @@ class Campaign:
         bench: Workbench,
         settings: Mapping[str, Setting],
         tuned: Mapping[bool, Mapping[str, int]],
-        say: Callable[[str], None],
+        progress: Progress,
     ) -> None:
         """`settings` are by load, `tuned` the searched weights without and with gating."""
-        self._bench, self._settings, self._tuned, self._say = bench, settings, tuned, say
+        self._bench, self._settings, self._tuned, self._progress = bench, settings, tuned, progress
 
     def run(self, trials: Sequence[Trial], *, until: Callable[[float], bool], commit: bool) -> int:
         """Do what is missing while `until` says that so many seconds are left; returns how many runs are left."""
@@ -131,7 +138,7 @@ class Campaign:
             if not until(seconds_left(self._bench.took, [trial])):
                 return len(missing) - number
             minutes = seconds_left(self._bench.took, missing[number:]) / 60
-            self._say(f"[{number + 1}/{len(missing)}, {minutes:.0f} min left] {trial}")
+            self._progress.say(f"[{number + 1}/{len(missing)}, {minutes:.0f} min left] {trial}")
             self._record(trial)
             self._keep(trial.group, trials, commit=commit)
         for group in dict.fromkeys(trial.group for trial in trials):
@@ -167,6 +174,7 @@ def own_deadlines() -> dict[str, float]:
 def _commit(data: Path, message: str) -> None:
     """Commit what is kept, and nothing else that may have been changed."""
     for command in (["add", "--", str(data)], ["commit", "--quiet", "--message", message, "--", str(data)]):
-        done = subprocess.run(["git", *command], cwd=deploy.REPOSITORY, capture_output=True, text=True, check=False)  # noqa: S607
+        words = ["git", "-C", str(deploy.REPOSITORY), *command]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode:
             raise deploy.DeployError(f"git {' '.join(command)}\n{done.stderr or done.stdout}")

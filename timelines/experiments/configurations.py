@@ -1,7 +1,8 @@
 """The ways to divide the CPU that are compared. Pure: each is the chart's values, and a policy or none.
 
-Gating is a factor of its own: with it the same modules pause in the same contexts under every division. Under a division
-that knows no contexts the policy only says what it would do (DryRun), and `gate.py` tells the modules.
+Gating is a factor of its own: with it the same modules pause in the same contexts under every division. Under a
+division that knows no contexts the policy only says what it would do (DryRun), and `gate.py` passes that on to the
+modules.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What is due in a story: every input of every task, and what its context wants of it. The same for every run. Pure.
 
-It follows from the timeline and from the contexts that the policy's simulation finds on it, never from a run: nobody can
-improve a rate by doing less.
+It follows from the timeline and from the contexts that the policy's simulation finds on it, never from a run: nobody
+can improve a rate by doing less.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Due(NamedTuple):
 class Schedule:
     """A story as what is due in it. `keys` has when each key's inputs come, in seconds, ascending.
 
-    `inputs` has the key of each task's inputs, `deadlines` seconds from an input to its result, `stops` when each spoken
-    "stop" begins and ends.
+    `inputs` has the key of each task's inputs, `deadlines` seconds from an input to its result, `stops` when each
+    spoken "stop" begins and ends.
     """
 
     duration: float
@@ -95,7 +95,7 @@ class Schedule:
 
 
 def windows(plans: Iterable[Plan], duration: float) -> list[Window]:
-    """The contexts of a simulation's plans; those of before the first plan are its own, neighbours that agree are one."""
+    """The contexts of a simulation's plans, the first one's from the begin on; neighbours that agree are one."""
     changes = [(plan.time, plan.contexts, _suspended(plan)) for plan in plans if plan.time < duration]
     found: list[Window] = []
     for number, (time, contexts, suspended) in enumerate(changes):

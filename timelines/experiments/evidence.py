@@ -83,7 +83,7 @@ def write_schedule(folder: Path, story: str, schedule: Schedule) -> None:
     path = folder / SCHEDULES / f"{story}{ENDING}"
     data = packed(schedule.as_json())
     if path.exists() and path.read_bytes() != data:
-        raise RecordError(f"{path}: the story, its policy or a deadline has changed: begin anew in an empty folder")
+        raise RecordError(f"{path}: the story, its policy or a deadline has changed: begin again in an empty folder")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(data)
 

@@ -1,8 +1,8 @@
 """The robot's executive: drives by what the tasks find out, so that a late pose is a late wheel command.
 
-While the mission drives, each pose becomes an order for the wheels; a "stop" that was heard holds until the mission goes
-on to something else. Each order is remembered with what it follows from: navigation's own timing of that order then says
-how long it took from the camera, or from the speaker, to the wheels.
+While the mission drives, each pose becomes an order for the wheels; a "stop" that was heard holds until the mission
+goes on to something else. Each order is remembered with what it follows from: navigation's own timing of that order
+then says how long it took from the camera, or from the speaker, to the wheels.
 """
 
 from __future__ import annotations

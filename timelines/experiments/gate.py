@@ -1,4 +1,4 @@
-"""Tells the modules what a policy would decide that does not act, so that gating can be had under every division."""
+"""Passes on to the modules what a policy would decide that does not act: gating under every division."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import zenoh
 
 from robotkit import json_text
-from timelines.recording.recorder import PLANS
+from timelines.recording.recorder import PATIENCE, PLANS
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -35,7 +35,7 @@ class Gate:
         self._publisher = self._session.declare_publisher(KEY, encoding=zenoh.Encoding.APPLICATION_JSON)
         self._thread.start()
         self._subscriber = self._session.declare_subscriber(PLANS, self._hear)
-        for reply in self._session.get(PLANS):  # published before we listened
+        for reply in self._session.get(PLANS, timeout=PATIENCE):  # published before we listened
             if reply.ok is not None:
                 self._hear(reply.ok)
         return self

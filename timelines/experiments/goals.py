@@ -1,8 +1,8 @@
 """What has to be reached. Declared before the runs, and not changed for them. Pure.
 
-Each goal compares a configuration with another one of the same block, case by case: a context's critical task, or a task.
-It holds if it holds in every case (an intersection-union test: the least sure case decides, and needs no correction for the
-number of cases). Among the goals Holm's correction applies. The day and the weather are the blocks'.
+Each goal compares a configuration with another one of the same block, case by case: a context's critical task, or a
+task. It holds if it holds in every case (an intersection-union test: the least sure case decides, and needs no
+correction for the number of cases). Among the goals Holm's correction applies. The day and the weather are the blocks'.
 """
 
 from __future__ import annotations

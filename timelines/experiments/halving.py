@@ -1,11 +1,11 @@
-"""Static weights tuned for the tuning stories: what the best user could have written without contexts. Pure, and seeded.
+"""Static weights tuned on the tuning stories: what the best user could have written without contexts. Pure, seeded.
 
-Successive halving (Karnin, Koren, Somekh 2013; the inner loop of Hyperband): sixteen sets of weights run the first story,
-the better half of them the second as well, and so on. The first four are what a user writes at once: equal weights, those
-by priority, by need, and what is critical or protected somewhere above the rest; equal weights and those by priority are
-never dropped, since a model or a lucky run may rank them too low. The rest is drawn log-uniformly. A set is worth its worst
-context, where a context is worth the lowest hit rate among its critical task and the protected ones, in steps of half a
-point; then the mean of the contexts. The held-out stories take no part in it.
+Successive halving (Karnin, Koren, Somekh 2013; the inner loop of Hyperband): sixteen sets of weights run the first
+story, the better half of them the second as well, and so on. The first four are what a user writes at once: equal
+weights, those by priority, by need, and what is critical or protected somewhere above the rest; equal weights and those
+by priority are never dropped, since a model or a lucky run may rank them too low. The rest is drawn log-uniformly. A
+set is worth its worst context, where a context is worth the lowest hit rate among its critical task and the protected
+ones, in steps of half a point; then the mean of the contexts. The held-out stories take no part in it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is compared between two runs of a block. Pure: each measure gives, case by case, the run's value and the other's.
+"""What is compared between two runs of a block. Pure: each measure gives, by case, the run's value and the other's.
 
 A rate is over the inputs that their context wants, by the timeline. What was never done has a response time of NEVER.
 """

@@ -1,7 +1,7 @@
 """Comparing configurations block by block: an exact test, an interval, and a correction for many goals. Pure.
 
-The block is the unit: what differs within it is the configuration, what differs between blocks is the day. A frame is no
-unit, since neighbouring frames share their fate.
+The block is the unit: what differs within it is the configuration, what differs between blocks is the day. A frame is
+no unit, since neighbouring frames share their fate.
 """
 
 from __future__ import annotations

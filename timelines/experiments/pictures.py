@@ -60,13 +60,14 @@ def _bars(panel: Any, every: Sequence[Sequence[Run]], context: str, task: str, o
     found = [(row, rates.critical(runs, context, task)) for row, runs in enumerate(every)]
     shown = [(row + offset, one) for row, one in found if one]
     places = [row for row, _ in shown]
-    panel.barh(places, [100 * one.mean for _, one in shown], height=BAR, color=_color(task), label=f"{context}: {task}")
+    means = [100 * one.mean for _, one in shown]
+    panel.barh(places, means, height=BAR, color=_color(task), label=f"{context}: {task}")
     low, high = [100 * one.low for _, one in shown], [100 * one.high for _, one in shown]
     panel.hlines(places, low, high, color=INK, linewidth=1)
 
 
 def draw_responses(evidence: Evidence, load: str, path: Path) -> bool:
-    """How many of the inputs that were due were answered within a time; what was never done keeps a curve below 100 %."""
+    """The part of what was due that was done within a time: what was never done keeps a curve below 100 %."""
     found = {name: runs for name, runs in tables.held_out(evidence, load).items() if name in COMPARED}
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     if not about:
@@ -123,12 +124,8 @@ def draw_decisions(run: Run, path: Path) -> None:
     steps = [(at / 1000, tasks) for at, _, tasks in run.record.plans]
     shares = {task: [(at, tasks[task][1] / 1000) for at, tasks in steps] for task in run.schedule.inputs}
     weights = {task: [(at, _part(tasks, task)) for at, tasks in steps] for task in run.schedule.inputs}
-    draw_shares(
-        *(shares, _lanes(run), path),
-        until=run.schedule.duration,
-        weights=weights,
-        title=f"{CONFIGURATIONS[run.record.configuration].title}, {run.record.story}: weights and shares",
-    )
+    title = f"{CONFIGURATIONS[run.record.configuration].title}, {run.record.story}: weights and shares"
+    draw_shares(shares, _lanes(run), path, until=run.schedule.duration, weights=weights, title=title)
 
 
 def draw_use(run: Run, path: Path) -> None:

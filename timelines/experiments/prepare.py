@@ -14,9 +14,9 @@ from timelines.experiments.metrics import Run
 from timelines.experiments.stories import STORIES, TUNING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
-    from timelines.experiments.campaign import Workbench
+    from timelines.experiments.campaign import Progress, Workbench
     from timelines.experiments.halving import Weights
 
     Frozen = Mapping[str, Any]
@@ -28,20 +28,20 @@ UNCALIBRATED: Mapping[str, float] = {LIGHT: 1.0, HEAVY: 0.5}
 class Preparation:
     """Calibrates and tunes on the tuning stories; runs that are finished are not repeated."""
 
-    def __init__(self, bench: Workbench, say: Callable[[str], None]) -> None:
-        self._bench, self._say = bench, say
+    def __init__(self, bench: Workbench, progress: Progress) -> None:
+        self._bench, self._progress = bench, progress
 
     def calibrated(self) -> dict[str, Any]:
         """The part of each processor that is left under each load, and deadlines that each task keeps alone."""
         own = own_deadlines()
         wanted = calibration.demand(self._alone(Setting(1.0, own)))
         parts = calibration.parts(wanted, installation.cores())
-        self._say(f"wanted: {_words(wanted, 'cores')}; left of each processor: {_words(parts)}")
+        self._progress.say(f"wanted: {_words(wanted, 'cores')}; left of each processor: {_words(parts)}")
         slow = self._alone(Setting(parts[HEAVY], own))
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
         deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
-        self._say(f"deadlines: {_words(deadlines, 's')}; kept alone: {_words(solo)}")
+        self._progress.say(f"deadlines: {_words(deadlines, 's')}; kept alone: {_words(solo)}")
         date = dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds")
         return {"date": date, "wanted": wanted, "parts": parts, "deadlines": deadlines, "solo": solo}
 
@@ -51,7 +51,7 @@ class Preparation:
         configuration = STATIC_GATED if gated else STATIC
 
         def run(number: int, weights: Weights, story: str) -> Run:
-            self._say(f"{configuration.title}, set {number + 1}: {story}")
+            self._progress.say(f"{configuration.title}, set {number + 1}: {story}")
             trial = Trial(HEAVY, STORIES[story], configuration, 0, number)
             record = self._bench.record(f"tuning/{number + 1:02}", trial, setting, weights)
             return Run(self._bench.schedule(trial.story, setting.deadlines), record)
@@ -63,7 +63,7 @@ class Preparation:
     def _alone(self, setting: Setting) -> list[Run]:
         found = []
         for story in TUNING:
-            self._say(f"each task alone, {setting.part:.0%} of each processor: {story.name}")
+            self._progress.say(f"each task alone, {setting.part:.0%} of each processor: {story.name}")
             trial = Trial(HEAVY, story, ALONE, 0, 0)
             record = self._bench.record(f"calibration/{setting.part:g}", trial, setting, {})
             found.append(Run(self._bench.schedule(story, setting.deadlines), record))

@@ -99,7 +99,7 @@ def _take(run: RunData, message: Recorded) -> None:
 
 
 _OWN = ("health", "alive", "profile", "order")
-"""What robotkit reports of a task, and what it is told, beside its results."""
+"""What robotkit reports of a task, and the orders that it gets, beside its results."""
 
 
 def _is_result(run: RunData, key: str) -> bool:

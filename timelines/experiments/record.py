@@ -1,7 +1,7 @@
 """A run in so few numbers that it can be committed, and from which every published figure is computed again. Pure.
 
-Whole numbers throughout: responses and lateness in tenths of a millisecond, CPU in hundredths. A block is JSON in columns,
-compressed by xz: `xz --decompress --stdout BLOCK | jq` reads it.
+Whole numbers throughout: responses and lateness in tenths of a millisecond, CPU in hundredths. A block is JSON in
+columns, compressed by xz: `xz --decompress --stdout BLOCK | jq` reads it.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ class Record:
     """One run. `columns` are by task and input, `late` is the player's own lateness by key, `about` what it ran on.
 
     `plans` has [milliseconds, contexts, {task: [weight, thousandths of a core]}] for each change, `used` each
-    container's CPU so far, in milliseconds, once a second. `commands` has [frame's number, latency] of the wheel commands
-    that followed a pose, `stops` [number, latency] of those that followed a spoken "stop", from its end on. `accuracy` has
-    [measure, value, unit, how many were judged, whether more is better] by task.
+    container's CPU so far, in milliseconds, once a second. `commands` has [frame's number, latency] of the wheel
+    commands that followed a pose, `stops` [number, latency] of those that followed a spoken "stop", from its end on.
+    `accuracy` has [measure, value, unit, how many were judged, whether more is better] by task.
     """
 
     load: str

@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 METHOD = """\
-Every input that the timeline has counts, the same in every run: hit rates are over those that the policy's contexts want,
-as its simulation on the timeline finds them, and what was dropped, lost or suspended although it was wanted is a miss. The
-block is the unit: each has every configuration once per story, in random order. Brackets are 95 % bootstrap intervals over
-runs or blocks; p is of an exact sign-flip test over blocks, by Holm's correction for all declared goals
-([goals.py](../experiments/goals.py)). Each context's least sure case decides.
+Every input that the timeline has counts, the same in every run: hit rates are over those that the policy's contexts
+want, as its simulation on the timeline finds them, and what was dropped, lost or suspended although it was wanted is a
+miss. The block is the unit: each has every configuration once per story, in random order. Brackets are 95 % bootstrap
+intervals over runs or blocks; p is of an exact sign-flip test over blocks, by Holm's correction for all declared goals
+([goals.py](../experiments/goals.py)). Each goal's least sure case decides.
 """
 THREATS = """\
 - The stories are invented, and the recordings rendered or synthesised: they show how CPU is divided, not how well this
   robot would do in a building.
-- Cores of a server, slowed by threads of realtime priority that take their part of every 2 ms: caches, memory and frequency
-  are not a board's.
+- Cores of a server, slowed by threads of realtime priority that take their part of every 2 ms: caches, memory and
+  frequency are not a board's.
 - One machine, one kernel and one version of cgroups; the blocks ran within days of each other.
 - Each task's own hit rate alone comes from few runs, and counts as known.
 - A wheel command ends where navigation has written it; the motors' own delay is not in it.
@@ -130,8 +130,7 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
         yield papers
     yield f"## Threats to validity\n\n{THREATS}"
     yield f"## Repeat it\n\n{REPEAT}"
-    yield "[details.md](details.md) has how every input ended, context onsets, accuracy, the player's own lateness, and the"
-    yield "paper's figures again.\n"
+    yield "[details.md](details.md): how every input ended, context onsets, accuracy, the player's own lateness.\n"
 
 
 def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Iterator[str]:

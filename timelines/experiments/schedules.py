@@ -38,14 +38,15 @@ def inputs_of(task: str) -> dict[str, str]:
     return {name: entry["key"] for name, entry in module_file(task)["inputs"].items()}
 
 
-def schedule(story: Story, timeline: Path, datasets: Path, deadlines: Mapping[str, float], cores: int) -> Schedule:
+def schedule(story: Story, path: Path, datasets: Path, deadlines: Mapping[str, float], cores: int) -> Schedule:
     """What is due in a story on a node with so many cores; DatasetError if a recording is missing."""
-    told = load(timeline)
+    timeline = load(path)
     policy = load_policy(str(story.policy_file))
-    plans = simulate(policy, told, robot=Robot({NODE: cores * 1000})).plans
-    keys = _times(told, datasets)
+    plans = simulate(policy, timeline, robot=Robot({NODE: cores * 1000})).plans
+    keys = _times(timeline, datasets)
     inputs = {task: {name: key for name, key in inputs_of(task).items() if key in keys} for task in deploy.TASKS}
-    return Schedule(told.duration, keys, inputs, dict(deadlines), windows(plans, told.duration), _stops(told))
+    found = windows(plans, timeline.duration)
+    return Schedule(timeline.duration, keys, inputs, dict(deadlines), found, _stops(timeline))
 
 
 def fingerprint(story: Story, timeline: Path, deadlines: Mapping[str, float]) -> str:
@@ -56,17 +57,17 @@ def fingerprint(story: Story, timeline: Path, deadlines: Mapping[str, float]) ->
     return digest.hexdigest()
 
 
-def _times(told: Timeline, datasets: Path) -> dict[str, list[float]]:
+def _times(timeline: Timeline, datasets: Path) -> dict[str, list[float]]:
     """When each key's inputs come, in whole milliseconds, as they are kept."""
     found: dict[str, list[float]] = defaultdict(list)
-    for at, key, _ in TimelineInputs(told, datasets).timed(0.0):
-        if at < told.duration:
+    for at, key, _ in TimelineInputs(timeline, datasets).timed(0.0):
+        if at < timeline.duration:
             found[key].append(round(at * 1000) / 1000)
     return dict(found)
 
 
-def _stops(told: Timeline) -> list[tuple[float, float]]:
-    words = [word for one in told.entries if one.key == "robot/microphone" for word in _list(one.truth)]
+def _stops(timeline: Timeline) -> list[tuple[float, float]]:
+    words = [word for one in timeline.entries if one.key == "robot/microphone" for word in _list(one.truth)]
     return [(word["at"], round(word["at"] + WORD_S, 6)) for word in words if word["keyword"] == "stop"]
 
 

@@ -1,8 +1,9 @@
 """Processors that are as slow as a board's: what makes them so is a thread of realtime priority on each.
 
-It takes its part of every two milliseconds, so that all else, the kubelet and our own measuring included, gets the rest. A
-CPU quota would not do: within its period it lets work run at full speed and then stops it, and what takes less than the
-quota is not slowed at all. These threads compete with realtime tasks: such rows are not to be measured beside them.
+It takes its part of every two milliseconds, so that all else, the kubelet and our own measuring included, gets the
+rest. A CPU quota would not do: within its period it lets work run at full speed and then stops it, and what takes less
+than the quota is not slowed at all. These threads compete with realtime tasks: such rows are not to be measured beside
+them.
 """
 
 from __future__ import annotations

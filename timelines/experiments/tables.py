@@ -57,19 +57,22 @@ def goals(found: Iterable[Verdict]) -> str:
     for one in found:
         case, title = one.worst, CONFIGURATIONS[one.goal.configuration].title
         measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
-        gain = f"{case.gain.mean:+.3g} [{case.gain.low:+.3g}, {case.gain.high:+.3g}]" if case else NONE
+        gain = _gain(case.gain) if case else NONE
         rows.append([one.goal.load, one.goal.name, title, measured, gain, f"{one.probability:.3g}", _WORDS[one.met]])
     head = ["load", "goal", "configuration", "least sure case", "better than asked by", "p (Holm)", ""]
     return table(head, rows)
 
 
+def _gain(found: Interval) -> str:
+    return f"{found.mean:+.3g} [{found.low:+.3g}, {found.high:+.3g}]"
+
+
 def cases(verdict: Verdict) -> str:
     """Each case of a goal: both values, by how much it is better than asked, and its own probability."""
     rows = [
-        [one.name, short(one.value), short(one.base), f"{one.gain.mean:+.3g} [{one.gain.low:+.3g}, {one.gain.high:+.3g}]",
-         f"{one.probability:.3g}"]
+        [one.name, short(one.value), short(one.base), _gain(one.gain), f"{one.probability:.3g}"]
         for one in verdict.cases
-    ]  # fmt: skip
+    ]
     return table(["", "value", "against", "better than asked by", "p"], rows)
 
 
@@ -179,5 +182,6 @@ def papers(evidence: Evidence) -> str:
         [story, title, f"{found.mean:.2f} [{found.low:.2f}, {found.high:.2f}]", str(found.pairs)]
         for story, title, found in speedups(evidence)
     ]
-    return table(["", "", f"times as fast as Linux default (the paper: up to {SPEEDUP})", "blocks"], rows) if rows else ""
+    head = ["", "", f"times as fast as Linux default (the paper: up to {SPEEDUP})", "blocks"]
+    return table(head, rows) if rows else ""
 

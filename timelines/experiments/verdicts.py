@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Judged(NamedTuple):
-    """One case of a goal: means of both values over blocks and stories, the gain over what is asked, its probability."""
+    """One case of a goal: means of both values over blocks and stories, the gain over what is asked, and p."""
 
     name: str
     value: float

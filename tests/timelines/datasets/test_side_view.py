@@ -27,6 +27,11 @@ def test_a_plate_is_in_the_pictures_of_its_time_only(tmp_path):
     assert [bool((picture > 225).mean() > 0.02) for picture in shown] == [False, False, True, True, False, False]
 
 
+def test_a_faster_camera_takes_more_pictures(tmp_path):
+    found = pictures(tmp_path / "signs/x", SideView(1, (), rate=4))
+    assert [at for at, _ in found] == [0, 0.25, 0.5, 0.75]
+
+
 def test_the_same_view_gives_the_same_pictures_and_its_truth(tmp_path):
     view = SideView(1, (Plate(0, 1, "7B"),))
     assert pictures(tmp_path / "a/signs/x", view) == pictures(tmp_path / "b/signs/x", view)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from timelines.experiments.accounting import Ended, Ending
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.evidence import Evidence
@@ -23,7 +25,6 @@ ABOUT = {
     "busy": 8.0,
     "stolen": 1.0,
     "load": 0.1,
-    "reactions": [30, 40],
 }
 
 
@@ -45,7 +46,7 @@ def a_run(configuration, slam="i" * 10, speech="i" * 10, *, block=0, load="heavy
     plans = [[0, ["drive"], {"slam": [100.0, 1500], "speech": [3.0, 300]}],
              [5000, ["talk"], {"slam": [3.0, 300], "speech": [100.0, 1500]}]]  # fmt: skip
     commands = [[number, 600] for number, letter in enumerate(slam) if letter == "i"]
-    whole = {"plans": plans, "used": used, "commands": commands, "stops": [[0, 8000]], **more}
+    whole: dict[str, Any] = {"plans": plans, "used": used, "commands": commands, "stops": [[0, 8000]], **more}
     return Record(load, story, configuration, block, columns, late, ABOUT, **whole)
 
 

@@ -15,6 +15,7 @@ from timelines.experiments.blocks import HEAVY, trials
 from timelines.experiments.campaign import Campaign, Folders, Setting, Workbench
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen, write_schedule
+from timelines.experiments.prepare import Preparation
 from timelines.experiments.record import RecordError
 
 CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
@@ -25,7 +26,8 @@ class Bench(Workbench):
 
     def __init__(self, folder, lasts=99):
         super().__init__(Folders(folder / "raw", folder / "data", folder, folder))
-        self.done, self.lasts = [], lasts
+        self.done: list[tuple[str, int, float, dict[str, int]]] = []
+        self.lasts = lasts
 
     def _do(self, place, trial, setting, weights):
         if len(self.done) == self.lasts:
@@ -38,10 +40,20 @@ class Bench(Workbench):
         file.write_bytes(module.packed(record.as_json()))
 
 
+class Lines:
+    """What was reported."""
+
+    def __init__(self):
+        self.said: list[str] = []
+
+    def say(self, line):
+        self.said.append(line)
+
+
 def run(bench, *, until=lambda _: True):
-    said: list[str] = []
-    made = Campaign(bench, {HEAVY: Setting(0.4, {})}, {False: {"slam": 2}, True: {"slam": 3}}, said.append)
-    return made.run(CHOSEN, until=until, commit=False), said
+    lines = Lines()
+    made = Campaign(bench, {HEAVY: Setting(0.4, {})}, {False: {"slam": 2}, True: {"slam": 3}}, lines)
+    return made.run(CHOSEN, until=until, commit=False), lines.said
 
 
 def test_a_block_is_kept_once_all_of_its_runs_are_done(tmp_path):
@@ -98,11 +110,12 @@ def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
     assert json.loads((tmp_path / "frozen.json").read_text(encoding="utf-8"))
 
 
-class Prepares:
+class Prepares(Preparation):
     """Finds out at once, and counts."""
 
-    def __init__(self):
-        self.asked = []
+    def __init__(self, folder):
+        super().__init__(Bench(folder), Lines())
+        self.asked: list[object] = []
 
     def calibrated(self):
         self.asked.append("parts")
@@ -115,7 +128,8 @@ class Prepares:
 
 
 def test_loads_and_weights_are_found_out_once(tmp_path):
-    preparation, frozen = Prepares(), {}
+    preparation = Prepares(tmp_path)
+    frozen: dict[str, object] = {}
     command._prepare(preparation, frozen, tmp_path)
     assert preparation.asked == ["parts", False, True]
     command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path)

@@ -72,7 +72,8 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
 
 def test_a_wheel_command_follows_from_its_frame(run):
     run.orders = [Sent(POSE, at(0.001), at(0.06)), Sent(POSE, at(3), at(3.21)), Sent(mission.KEY, at(1), at(1.1))]
-    run.done["navigation", "order"] = {at(0.06): Timing(BEGIN + 0.071, 0.001, 0), at(1.1): Timing(BEGIN + 1.2, 0.001, 0)}
+    done = {0.06: 0.071, 1.1: 1.2}
+    run.done["navigation", "order"] = {at(sent): Timing(BEGIN + end, 0.001, 0) for sent, end in done.items()}
     assert record(TRIAL, run, SCHEDULE, {}).commands == [[0, 700]]  # the second order was lost
 
 

@@ -68,7 +68,8 @@ def test_half_go_on_after_each_story_and_the_simple_ones_always_do():
     def play(number, weights, story):
         assert weights == tries[number]
         played.append((story, number))
-        return run(slam=("i" if number == 9 else "d") + "iiii" + "iiiii", speech="ddddd" + ("i" if number > 7 else "d") * 5)
+        slam, speech = "i" if number == 9 else "d", "i" if number > 7 else "d"
+        return run(slam=f"{slam}iiiiiiiii", speech=f"ddddd{5 * speech}")
 
     found = halved(tries, ["a", "b", "c", "d"], play)
     runs = {story: [number for name, number in played if name == story] for story in "abcd"}

@@ -13,6 +13,7 @@ import yaml
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.streams.timeline import load as load_timeline
 from contextpolicy.streams.timeline import parse as parse_timeline
+from modules.arm.joints import load_arm
 from timelines.datasets.recordings import of_scenario
 from timelines.scenarios.__main__ import as_text, main
 from timelines.scenarios.inputs import timeline
@@ -98,6 +99,44 @@ def test_the_robot_is_driven_while_it_moves_and_stopped_afterwards():
     drive, stop = entries(timeline(parse(SHORT)), "robot/navigation/order")
     assert (drive.start, drive.end, drive.value) == (2, 6, {"drive": {"forward": 0.3, "turn": 0.0}})
     assert (stop.start, stop.value) == (6, {"stop": True})
+
+
+def test_a_mission_is_repeated_and_nobody_orders_the_wheels():
+    talks = {"name": "talks", "for": 2, "does": "talk"}
+    drives = {"name": "drives", "for": 3, "moves": True, "does": "drive"}
+    document = timeline(parse({"name": "short", "description": "a mission", "phases": [talks, drives]}))
+    assert entries(document, "robot/navigation/order") == []
+    assert [(one.start, one.end, one.rate, one.value) for one in entries(document, "robot/mission")] == [
+        (0, 2, 5, {"does": "talk", "forward": 0.0}),
+        (2, 5, 5, {"does": "drive", "forward": 0.3}),
+    ]
+
+
+def test_an_arm_that_follows_gets_orders_within_its_reach():
+    phase = {"name": "grips", "for": 2, "does": "grip", "follows": 5}
+    document = timeline(parse({"name": "short", "description": "a mission", "phases": [phase]}))
+    orders = entries(document, "robot/arm/order")
+    assert [one.start for one in orders] == pytest.approx([n / 5 for n in range(10)])
+    arm = load_arm(MODULES / "arm" / "arm.yaml")
+    for one in orders:
+        arm.posture_at(tuple(one.value["move"]), grip=0)
+        assert one.truth == {"follows": True}
+
+
+def test_the_side_camera_has_a_rate_of_its_own():
+    scenario = parse({**SHORT, "side_camera": 4, "camera": 20})
+    assert {entry.key: entry.dataset_rate for entry in parse_timeline(timeline(scenario)).entries if entry.dataset} == {
+        "robot/camera/stereo": 20, "robot/camera/side": 4, "robot/microphone": 10, "robot/imu/raw": 200
+    }  # fmt: skip
+    assert scenario.side_view.rate == 4
+
+
+def test_an_unknown_mission_is_refused():
+    bad = {"name": "short", "description": "x", "phases": [{"name": "x", "for": 2, "does": "dance", "follows": 99}]}
+    with pytest.raises(ScenarioError) as error:
+        parse(bad)
+    fields = [finding.field for finding in error.value.findings]
+    assert fields == ["scenario.phases[0].does", "scenario.phases[0].follows"]
 
 
 def test_speech_is_loud_and_wheels_are_not_silent():
