@@ -265,6 +265,15 @@ def test_a_timeline_may_use_own_message_types_and_releases():
         parse(a_document({**distance, "ros": "humble"}))
 
 
+def test_at_twice_the_rate_the_same_inputs_come_in_half_the_time():
+    story = load(TIMELINES / "exp3.json")
+    twice = story.at_rate(2.0)
+    assert twice.duration == story.duration / 2
+    before, after = ([one for one in timeline.inputs() if one.dataset is None] for timeline in (story, twice))
+    assert [one.key for one in after] == [one.key for one in before]
+    assert [one.at for one in after] == pytest.approx([one.at / 2 for one in before])
+
+
 @pytest.mark.parametrize("release", RosRelease)
 def test_every_standard_message_can_be_written_and_read_back(release):
     store = type_store(release)

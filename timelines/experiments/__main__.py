@@ -88,6 +88,9 @@ def _prepare(preparation: Preparation, frozen: dict[str, object], data: Path) ->
         if isinstance(tuned, dict) and name(gated=gated) not in tuned:
             tuned[name(gated=gated)] = preparation.tuned(frozen, gated=gated)
             write_frozen(data, frozen)
+    if "predicted" not in frozen:
+        frozen["predicted"] = preparation.predicted(frozen)
+        write_frozen(data, frozen)
 
 
 def _until(minutes: float) -> Callable[[float], bool]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
 import subprocess
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.streams.timeline import load
@@ -14,7 +15,7 @@ from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.blocks import is_reported, seconds_left
 from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
-from timelines.experiments.raw_data import RUN, read_run
+from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, block, packed, unpacked
 from timelines.experiments.run import Conditions, execute
 from timelines.experiments.schedules import fingerprint, module_file, schedule
@@ -77,6 +78,11 @@ class Workbench:
         if not self.has(place, trial):
             self._do(place, trial, setting, weights)
         return Record.of_json(unpacked(self._file(place, trial).read_bytes()))
+
+    def profiles(self, place: str, trial: Trial) -> dict[str, Any]:
+        """What each task's inputs cost in a run that is finished."""
+        found: dict[str, Any] = json.loads((self._folder(place, trial) / PROFILES).read_text(encoding="utf-8"))
+        return found
 
     def schedule(self, story: Story, deadlines: Mapping[str, float]) -> Schedule:
         """What is due in a story; of those that are reported it is kept, and may not change."""

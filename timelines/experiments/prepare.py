@@ -5,13 +5,15 @@ from __future__ import annotations
 import datetime as dt
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, Trial
 from timelines.experiments.campaign import Setting, own_deadlines
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.halving import candidates, halved
 from timelines.experiments.metrics import Run
-from timelines.experiments.stories import STORIES, TUNING
+from timelines.experiments.predictions import predict
+from timelines.experiments.stories import HELD_OUT, STORIES, TUNING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -60,14 +62,35 @@ class Preparation:
         found = halved(tries, [story.name for story in TUNING], run)
         return {"weights": found[0].weights, "tried": [list(one) for one in found]}
 
+    def predicted(self, frozen: Frozen) -> dict[str, Any]:
+        """What is predicted of each held-out story, and the profiles that this is computed from."""
+        part = frozen["parts"][HEAVY]
+        profiles = self._bench.profiles(_place(part), Trial(HEAVY, TUNING[0], ALONE, 0, 0))
+        misses = {
+            story.name: predict(
+                installation.policy_document(story),
+                load(self._bench.folders.timeline(story)),
+                profiles,
+                part,
+                installation.cores(),
+            )
+            for story in HELD_OUT
+        }
+        return {"misses": misses, "profiles": profiles}
+
     def _alone(self, setting: Setting) -> list[Run]:
         found = []
         for story in TUNING:
             self._progress.say(f"each task alone, {setting.part:.0%} of each processor: {story.name}")
             trial = Trial(HEAVY, story, ALONE, 0, 0)
-            record = self._bench.record(f"calibration/{setting.part:g}", trial, setting, {})
+            record = self._bench.record(_place(setting.part), trial, setting, {})
             found.append(Run(self._bench.schedule(story, setting.deadlines), record))
         return found
+
+
+def _place(part: float) -> str:
+    """Where runs of each task alone are kept."""
+    return f"calibration/{part:g}"
 
 
 def settings(frozen: Frozen) -> dict[str, Setting]:

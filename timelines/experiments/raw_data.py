@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.streams.recorded_message import Recorded
 
-RUN, MESSAGES = "run.json", "run.mcap"
+RUN, MESSAGES, PROFILES = "run.json", "run.mcap", "profiles.json"
 
 
 class Result(NamedTuple):

@@ -146,6 +146,10 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
             yield tables.accuracies(evidence, load)
             yield "### The player, and the machine\n"
             yield tables.player(evidence, load)
+    predicted = tables.predictions(evidence)
+    if predicted:
+        yield "## Prediction, experimental: `contextpolicy simulate --profiles` before the runs, heavy load\n"
+        yield predicted
     yield "## Every case of every goal\n"
     for verdict in found:
         yield f"### {verdict.goal.name}, {verdict.goal.load} load\n"

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
 from robotkit.profile import processor
+from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import installation
 from timelines.experiments.calm import busy_seconds, wait_until_calm
 from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
-from timelines.experiments.raw_data import MESSAGES, RUN
+from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.schedules import inputs_of
 from timelines.experiments.slowed import slowed
 from timelines.recording.mcap_file import McapWriter
@@ -126,6 +127,8 @@ class _Recording:
                 reports, drained = self._play()
             took, profiles = time.monotonic() - began, _profiles(self._viewer)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
+        kept = document(profiles, dt.datetime.now(dt.UTC))
+        (folder / PROFILES).write_text(json.dumps(kept), encoding="utf-8")
         about = {
             "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
             "machine": _machine(),

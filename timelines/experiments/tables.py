@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
@@ -164,6 +165,31 @@ def player(evidence: Evidence, load: str) -> str:
         busiest = max(run.record.about["load"] for run in runs)
         rows.append([CONFIGURATIONS[name].title, f"{middle:.1f} ms", f"{most:.1f} ms", f"{100 * busiest:.0f} %"])
     return table(["", "player late, median", "99 %", "busiest before a run"], rows)
+
+
+def predictions(evidence: Evidence) -> str:
+    """Misses as predicted before the runs, as measured, and as under Linux default; then how far off each answer is."""
+    rows, off = [], []
+    for story, configurations in evidence.frozen.get("predicted", {}).get("misses", {}).items():
+        plain = evidence.of(HEAVY, story, LINUX.name)
+        for name, tasks in configurations.items():
+            runs = evidence.of(HEAVY, story, name)
+            for task, predicted in tasks.items() if runs and plain else ():
+                missed, before = (1 - _hit(one, task) for one in (runs, plain))
+                off.append([100 * abs(answer - missed) for answer in (predicted, 0.0, before)])
+                values = (f"{100 * one:.1f}" for one in (predicted, missed, before))
+                rows.append([story, CONFIGURATIONS[name].title, task, *values])
+    if not rows:
+        return ""
+    means = [f"{fmean(column):.1f}" for column in zip(*off, strict=True)]
+    head = ["story", "", "task", "misses predicted, %", "measured", "under Linux default"]
+    score = table(["points off on average, the prediction", "always 0 %", "as under Linux default"], [means])
+    return f"{table(head, rows)}\n{score}"
+
+
+def _hit(runs: Sequence[Run], task: str) -> float:
+    found = rates.whole(runs, task)
+    return found.mean if found else 1.0
 
 
 def speedups(evidence: Evidence) -> Iterator[tuple[str, str, Interval]]:

@@ -7,4 +7,4 @@ KEY = "robot/mission"
 RATE = 5
 """Hz: it is repeated, so that who comes later hears it too."""
 KINDS = ("drive", "talk", "read", "grip")
-"""What a mission can be about: where the robot is, what it is told, what it reads, what it holds."""
+"""What a mission can be about: where the robot is, what it hears, what it reads, what it holds."""

@@ -61,7 +61,7 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """One story. `camera_rate` is the stereo camera's in Hz, `side_rate` the side camera's, `speed` the robot's in m/s."""
+    """One story. `camera_rate` is the stereo camera's in Hz, `side_rate` the other's, `speed` the robot's in m/s."""
 
     name: str
     description: str

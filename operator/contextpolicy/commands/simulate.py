@@ -54,13 +54,13 @@ expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for ea
   - {from: 0, to: 30, plans: {max: 8}}     # at most 8 plans begin: a bound on flapping
   - {from: 0, to: 30, misses: {slam: {max: 0.01}}}   # with --profiles: at most 1 % of its inputs are late or dropped
 
-prediction (--profiles FILE, as robotkit.profiles writes it): work arrives with the timeline's inputs (a data set's by
-the rate in the timeline), waits in queues that drop their oldest, and is served as CFS does, 30 ms after each
-plan. By task and context it prints the inputs; those done, late, dropped, and suspended; misses (late, dropped, or
-overdue at the end, as a part of those due) and the worst of them, since nobody knows when the kernel's periods begin:
-the prediction is over four equally likely phases; response time p50 and p99; how many an input found waiting; and the
-cores that stay idle. What one task publishes for another is not predicted, and a task that adapts to its share costs no
-less."""
+prediction (--profiles FILE, as robotkit.profiles writes it; experimental): work arrives with the timeline's inputs (a
+data set's by the rate in the timeline), waits in queues that drop their oldest, and is served as CFS does, 30 ms after
+each plan. By task and context it prints the inputs; those done, late, dropped, and suspended; misses (late, dropped,
+or overdue at the end, as a part of those due) and the worst of them, since nobody knows when the kernel's periods
+begin: the prediction is over four equally likely phases; response time p50 and p99; how many an input found waiting;
+and the cores that stay idle. What one task publishes for another is not predicted, and a task that adapts to its share
+costs no less."""
 
 
 def add(subparsers: Any) -> None:
@@ -88,9 +88,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument(
         "--assert", dest="expected", metavar="FILE", type=_file, help="compare with expected plans, - for stdin"
     )
-    parser.add_argument(
-        "--profiles", metavar="FILE", help="predict queues, response times and misses from what the tasks cost"
-    )
+    parser.add_argument("--profiles", metavar="FILE", help="predict queues, response times and misses (experimental)")
     parser.set_defaults(main=main)
 
 

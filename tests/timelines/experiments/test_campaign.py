@@ -126,14 +126,19 @@ class Prepares(Preparation):
         self.asked.append(gated)
         return {"weights": {"slam": 1}, "tried": []}
 
+    def predicted(self, frozen):
+        assert len(frozen["tuned"]) == 2
+        self.asked.append("predicted")
+        return {"misses": {}, "profiles": {}}
+
 
 def test_loads_and_weights_are_found_out_once(tmp_path):
     preparation = Prepares(tmp_path)
     frozen: dict[str, object] = {}
     command._prepare(preparation, frozen, tmp_path)
-    assert preparation.asked == ["parts", False, True]
+    assert preparation.asked == ["parts", False, True, "predicted"]
     command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path)
-    assert preparation.asked == ["parts", False, True]
+    assert len(preparation.asked) == 4
 
 
 def test_an_unknown_story_or_configuration_is_refused(capsys):

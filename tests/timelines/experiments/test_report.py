@@ -87,6 +87,13 @@ def test_pictures_are_there_and_the_same_data_gives_the_same_ones(out, text, tmp
         assert (out / "figures" / name).read_bytes() == (tmp_path / "figures" / name).read_bytes()
 
 
+def test_predictions_are_scored_against_simple_answers():
+    frozen = {"predicted": {"misses": {"delivery": {"weights-gated": {"slam": 0.1, "speech": 0.0}}}}}
+    text = tables.predictions(evidence(*some_runs(), frozen=frozen))
+    assert "| delivery | context weights, gated | slam | 10.0 | 0.0 | 40.0 |" in text
+    assert text.rstrip().endswith("| 5.0 | 0.0 | 20.0 |")
+
+
 def test_a_quick_look_says_that_nothing_was_calibrated(tmp_path):
     path = write_report(evidence(a_run("linux")), tmp_path)
     assert "a quick look" in path.read_text(encoding="utf-8")
