@@ -80,7 +80,7 @@ class Trial(NamedTuple):
         return self.story.seconds * (TASKS if self.configuration.alone else 1)
 
 
-def trials(
+def trials(  # noqa: PLR0913 - what may be chosen, by keyword
     *,
     parts: Sequence[Part] = PLAN,
     stories: Iterable[str] = (),
@@ -100,10 +100,11 @@ def trials(
             (story, one)
             for story in part.stories
             for one in part.configurations
-            if (not chosen or story.name in chosen) and (not wanted or one.name in wanted) and can(one, part.load)
+            if (not chosen or story.name in chosen) and (not wanted or one.name in wanted)
         ]
+        able = [cell for cell in cells if (not under or part.load in under) and can(cell[1], part.load)]
         for block in range(part.blocks if most is None else min(most, part.blocks)):
-            order = list(cells) if not under or part.load in under else []
+            order = list(able)
             random.Random(f"{SEED} {number} {block}").shuffle(order)  # noqa: S311 - no secret
             yield from (Trial(part.load, story, one, number, block) for story, one in order)
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from timelines.demo.deploy import DeployError
 from timelines.experiments.accounting import Heard
 from timelines.experiments.accuracy import EARLY, LATE
+from timelines.experiments.due import TENTHS
 from timelines.experiments.executive import KEYWORD, POSE
-from timelines.experiments.record import TENTHS, Column, Record
+from timelines.experiments.record import Column, Record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from contextpolicy.planning.allocation.plan import Plan
 
 NO_CONTEXT = "none"
+TENTHS = 10_000
+"""Of a millisecond, in a second."""
 ONSET = 1.0
 """Seconds at the begin of a context that are reported apart as well: what a change costs."""
 
@@ -75,10 +77,10 @@ class Schedule:
             yield Due(name, number, at, window.name, task not in window.suspended, at < window.begin + ONSET)
 
     def as_json(self) -> dict[str, Any]:
-        """Plain data, times in whole milliseconds."""
+        """Plain data, times in tenths of a millisecond."""
         return {
             "duration": self.duration,
-            "keys": {key: [round(at * 1000) for at in times] for key, times in self.keys.items()},
+            "keys": {key: [round(at * TENTHS) for at in times] for key, times in self.keys.items()},
             "inputs": {task: dict(own) for task, own in self.inputs.items()},
             "deadlines": dict(self.deadlines),
             "windows": [[one.begin, one.end, list(one.contexts), sorted(one.suspended)] for one in self.windows],
@@ -88,7 +90,7 @@ class Schedule:
     @classmethod
     def of_json(cls, value: Mapping[str, Any]) -> Schedule:
         """What `as_json` wrote."""
-        keys = {key: [at / 1000 for at in times] for key, times in value["keys"].items()}
+        keys = {key: [at / TENTHS for at in times] for key, times in value["keys"].items()}
         windows = [Window(begin, end, tuple(names), frozenset(away)) for begin, end, names, away in value["windows"]]
         stops = [(float(begin), float(end)) for begin, end in value["stops"]]
         return cls(value["duration"], keys, value["inputs"], value["deadlines"], windows, stops)

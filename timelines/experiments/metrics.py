@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from timelines.experiments.accounting import Ended, Tally, cpu_of_same, quantile, wanted
-from timelines.experiments.record import TENTHS
+from timelines.experiments.due import TENTHS
 from timelines.experiments.stories import CRITICAL, PROTECTED
 
 if TYPE_CHECKING:

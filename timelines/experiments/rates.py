@@ -6,9 +6,9 @@ from statistics import fmean, median
 from typing import TYPE_CHECKING
 
 from timelines.experiments.accounting import Ending, Tally
+from timelines.experiments.due import TENTHS
 from timelines.experiments.metrics import contexts
 from timelines.experiments.paired import bootstrap
-from timelines.experiments.record import TENTHS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -12,15 +12,15 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from timelines.experiments.accounting import Ended, Ending
+from timelines.experiments.due import TENTHS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from timelines.experiments.due import Schedule
 
-TENTHS = 10_000
-"""Of a millisecond, in a second."""
 HUNDREDTHS = 100_000
+"""Of a millisecond, in a second."""
 FORMAT = 1
 DONE = "d"
 _LETTERS = {Ending.DROPPED: "x", Ending.SUSPENDED: "s", Ending.LOST: "l"}

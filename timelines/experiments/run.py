@@ -46,8 +46,10 @@ SETTLING = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What a run happens under: its timeline and recordings, the part of each processor that is left (see `slowed`),
-    and the searched weights of a configuration that has static ones."""
+    """What a run happens under: its timeline and recordings, and the part of each processor that is left (`slowed`).
+
+    `weights` are the searched ones, for a configuration that has static weights.
+    """
 
     timeline: Path
     datasets: Path

@@ -13,7 +13,7 @@ from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams.timeline import load
 from timelines.demo import deploy
-from timelines.experiments.due import Schedule, windows
+from timelines.experiments.due import TENTHS, Schedule, windows
 from timelines.replay.player import TimelineInputs
 from timelines.scenarios.inputs import WORD_S
 
@@ -58,11 +58,11 @@ def fingerprint(story: Story, timeline: Path, deadlines: Mapping[str, float]) ->
 
 
 def _times(timeline: Timeline, datasets: Path) -> dict[str, list[float]]:
-    """When each key's inputs come, in whole milliseconds, as they are kept."""
+    """When each key's inputs come, in tenths of a millisecond, as they are kept."""
     found: dict[str, list[float]] = defaultdict(list)
     for at, key, _ in TimelineInputs(timeline, datasets).timed(0.0):
         if at < timeline.duration:
-            found[key].append(round(at * 1000) / 1000)
+            found[key].append(round(at * TENTHS) / TENTHS)
     return dict(found)
 
 

@@ -64,9 +64,9 @@ def test_cpu_is_kept_once_a_second_from_the_first_input_on(run):
 
 
 def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken_are_left_out(run):
-    run.plans = [plan(1, -5), plan(2, -1, "slam"), plan(3, 2)]
+    run.plans = [plan(1, -5), plan(2, -1, "slam"), plan(3, 2.5)]
     kept = record(TRIAL, run, SCHEDULE, {})
-    assert [(moment, tasks["slam"]) for moment, _, tasks in kept.plans] == [(0, [3.0, 500]), (2000, [3.0, 500])]
+    assert [(moment, tasks["slam"]) for moment, _, tasks in kept.plans] == [(0, [3.0, 500]), (2500, [3.0, 500])]
     assert kept.columns["slam"]["stereo"].fates == "dssd"
 
 
