@@ -74,10 +74,18 @@ class Workbench:
         return self._file(place, trial).exists()
 
     def record(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> Record:
-        """The record of a run, which is done if it was not yet; `place` is a folder of such runs."""
-        if not self.has(place, trial):
+        """The record of a run, which is done if it was not yet; `place` is a folder of such runs.
+
+        DeployError if it was done under another load: what was calibrated has changed since.
+        """
+        path = self._file(place, trial)
+        if not path.exists():
             self._do(place, trial, setting, weights)
-        return Record.of_json(unpacked(self._file(place, trial).read_bytes()))
+        found = Record.of_json(unpacked(path.read_bytes()))
+        if found.about["part"] != setting.part:
+            parts = f"{found.about['part']:g} of each processor, not {setting.part:g}"
+            raise deploy.DeployError(f"{path}: {parts}: delete it, and its folder")
+        return found
 
     def profiles(self, place: str, trial: Trial) -> dict[str, Any]:
         """What each task's inputs cost in a run that is finished."""

@@ -7,7 +7,7 @@ can improve a rate by doing less.
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
@@ -64,13 +64,15 @@ class Schedule:
     deadlines: Mapping[str, float]
     windows: Sequence[Window]
     stops: Sequence[tuple[float, float]] = ()
+    _due: dict[str, list[Due]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def of(self, task: str) -> list[Due]:
         """All that is due of a task, input by input."""
-        return [one for name in self.inputs[task] for one in self.of_input(task, name)]
+        if task not in self._due:
+            self._due[task] = [one for name in self.inputs[task] for one in self._of_input(task, name)]
+        return self._due[task]
 
-    def of_input(self, task: str, name: str) -> Iterator[Due]:
-        """All that is due of one input, in order."""
+    def _of_input(self, task: str, name: str) -> Iterator[Due]:
         begins = [window.begin for window in self.windows]
         for number, at in enumerate(self.keys.get(self.inputs[task][name], ())):
             window = self.windows[max(bisect_right(begins, at) - 1, 0)]

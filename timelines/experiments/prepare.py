@@ -55,7 +55,7 @@ class Preparation:
         def run(number: int, weights: Weights, story: str) -> Run:
             self._progress.say(f"{configuration.title}, set {number + 1}: {story}")
             trial = Trial(HEAVY, STORIES[story], configuration, 0, number)
-            record = self._bench.record(f"tuning/{number + 1:02}", trial, setting, weights)
+            record = self._bench.record(f"tuning/{setting.part:g}/{number + 1:02}", trial, setting, weights)
             return Run(self._bench.schedule(trial.story, setting.deadlines), record)
 
         tries = candidates(priorities(), frozen["wanted"])

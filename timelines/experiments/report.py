@@ -72,11 +72,11 @@ def _claim(found: Sequence[Verdict]) -> str:
     """What the goals say, in one sentence each way."""
     met = [one for one in found if one.met]
     missed = [one for one in found if one.met is False]
-    judged = len(met) + len(missed)
-    if not judged:
+    measured = len(met) + len(missed)
+    if not measured:
         return "No goal has been measured yet."
-    said = f"**{len(met)} of {judged} goals that were measured are met**"
-    open_ = len(found) - judged
+    said = f"**{len(met)} of {measured} goals that were measured are met**"
+    open_ = len(found) - measured
     rest = [f"missed: {'; '.join(one.goal.name for one in missed)}"] if missed else []
     rest += [f"not measured: {open_}"] if open_ else []
     return f"{said} ({'; '.join(rest)})." if rest else f"{said}."

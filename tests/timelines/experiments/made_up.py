@@ -25,6 +25,7 @@ ABOUT = {
     "busy": 8.0,
     "stolen": 1.0,
     "load": 0.1,
+    "part": 0.4,
 }
 
 

@@ -77,6 +77,13 @@ def test_each_run_has_its_loads_part_and_its_gatings_weights(tmp_path):
     assert {(part, weights["slam"]) for _, _, part, weights in bench.done} == {(0.4, 2)}
 
 
+def test_a_run_under_another_load_is_not_taken_for_one_of_this(tmp_path):
+    run(Bench(tmp_path))
+    bench = Bench(tmp_path)
+    with pytest.raises(DeployError, match=r"0\.4 of each processor, not 0\.5: delete it"):
+        bench.record(CHOSEN[0].group, CHOSEN[0], Setting(0.5, {}), {})
+
+
 def test_nothing_is_begun_that_would_end_too_late(tmp_path):
     bench = Bench(tmp_path)
     left, _ = run(bench, until=lambda _: len(bench.done) < 3)
