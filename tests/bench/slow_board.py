@@ -14,6 +14,7 @@ board's memory bandwidth or its card; and a board has four processors, not as ma
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import signal
 import subprocess
@@ -32,7 +33,7 @@ def main() -> int:
     part = BOARDS[options.board] / own
     if not 1 - HEADROOM < part < 1:
         sys.exit(f"this machine's core has {own} MIPS, a {options.board}'s {BOARDS[options.board]}: not to be emulated")
-    with slowed(part):
+    with slowed(part, os.sched_getaffinity(0)):
         reached = mips()
         print(f"{options.board}: {BOARDS[options.board]} MIPS a core; here {own}, slowed {reached}", file=sys.stderr)
         with subprocess.Popen(options.command) as process:

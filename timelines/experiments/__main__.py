@@ -69,7 +69,7 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> None:
             only=options.only,
             loads=options.loads,
             most=options.blocks,
-            can=lambda configuration, load: installation.can(configuration, slow=found[load].part < 1),
+            can=lambda configuration, load: installation.can(configuration, slow=found[load].capacity.part < 1),
         )
     )
     campaign = Campaign(bench, found, tuned_weights(frozen), Lines())
@@ -80,7 +80,7 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> None:
 
 def _prepare(preparation: Preparation, frozen: dict[str, object], data: Path) -> None:
     """Find out what is missing, and keep each finding at once."""
-    if "parts" not in frozen:
+    if "loads" not in frozen:
         frozen |= preparation.calibrated()
         write_frozen(data, frozen)
     for gated in (False, True):

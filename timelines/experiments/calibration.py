@@ -1,4 +1,4 @@
-"""How slow the processors have to be, and which deadlines are fair, from each task alone, before any comparison. Pure.
+"""How much the tasks have to share, and which deadlines are fair, from each task alone, before any comparison. Pure.
 
 A load is what the tasks want, as a part of what there is. A task that fails alone has a deadline that this machine
 can't keep, which is no question of scheduling.
@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT
+from timelines.experiments.capacity import Capacity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from timelines.experiments.metrics import Run
 
 LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4}
-"""What the tasks together want, as a part of all processors: the issue's two loads."""
+"""What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
 FAIR = 0.98
@@ -41,10 +42,17 @@ def _wanted(run: Run, task: str) -> float:
     return math.fsum(done) * len(ended) / len(done) / run.schedule.duration + beside
 
 
-def parts(wanted: Mapping[str, float], cores: int) -> dict[str, float]:
-    """The part of each processor that is left under each load; all of it where the tasks want too little for a load."""
-    whole = sum(wanted.values())
-    return {load: round(min(1.0, max(SLOWEST, whole / (cores * part))), 3) for load, part in LOADS.items()}
+def capacities(wanted: Mapping[str, float], cores: int) -> dict[str, Capacity]:
+    """What makes each load: the fewest processors that are enough, slowed as far as it takes.
+
+    All of them at full speed where the tasks want more than that.
+    """
+    return {load: _capacity(sum(wanted.values()) / part, cores) for load, part in LOADS.items()}
+
+
+def _capacity(needed: float, cores: int) -> Capacity:
+    processors = min(max(math.ceil(needed), 1), cores)
+    return Capacity(processors, round(min(1.0, max(SLOWEST, needed / processors)), 3))
 
 
 def deadline(own: float, ended: Sequence[Ended]) -> float:

@@ -14,6 +14,7 @@ from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.blocks import is_reported, seconds_left
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, block, packed, unpacked
@@ -54,9 +55,9 @@ class Folders:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What all runs of a load share: the part of each processor that is left, and the deadlines (seconds)."""
+    """What all runs of a load have in common: what the tasks share, and their deadlines (seconds)."""
 
-    part: float
+    capacity: Capacity
     deadlines: Mapping[str, float]
 
 
@@ -82,9 +83,9 @@ class Workbench:
         if not path.exists():
             self._do(place, trial, setting, weights)
         found = Record.of_json(unpacked(path.read_bytes()))
-        if found.about["part"] != setting.part:
-            parts = f"{found.about['part']:g} of each processor, not {setting.part:g}"
-            raise deploy.DeployError(f"{path}: {parts}: delete it, and its folder")
+        capacity = Capacity(*found.about["capacity"])
+        if capacity != setting.capacity:
+            raise deploy.DeployError(f"{path}: on {capacity}, not {setting.capacity}: delete it, and its folder")
         return found
 
     def profiles(self, place: str, trial: Trial) -> dict[str, Any]:
@@ -108,7 +109,7 @@ class Workbench:
         due = self.schedule(trial.story, setting.deadlines)
         self._install(trial)
         if not (folder / RUN).exists():  # it may have been played already, and not been understood
-            execute(trial, Conditions(timeline, self.folders.datasets, setting.part, weights), folder)
+            execute(trial, Conditions(timeline, self.folders.datasets, setting.capacity, weights), folder)
         run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
         judged = {} if trial.configuration.alone else judge.accuracy(run)
         self._file(place, trial).write_bytes(packed(collect.record(trial, run, due, judged).as_json()))

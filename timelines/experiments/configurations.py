@@ -53,12 +53,13 @@ class Configuration:
         """Whether the modules hear what a policy would do that does not act."""
         return self.gated and not self.contextual
 
-    def variant(self, document: Document) -> Document | None:
-        """The policy to apply; None where none is."""
+    def variant(self, document: Document, reserve: str) -> Document | None:
+        """The policy to apply; None where none is. `reserve` is what it must not divide."""
         if not self.contextual and not self.gated:
             return None
         changed = copy.deepcopy(document)
         spec = changed["spec"]
+        spec["reserve"] = reserve
         if not self.contextual:
             spec["mode"] = "DryRun"
         spec["enforcement"] = {"scheduler": "Realtime", "period": "1s"} if self.realtime else _control(self.control)

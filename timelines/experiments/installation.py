@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from timelines.demo.cgroup import Cgroup
     from timelines.experiments.blocks import Trial
+    from timelines.experiments.capacity import Capacity
     from timelines.experiments.configurations import Configuration
     from timelines.experiments.stories import Story
 
@@ -102,9 +103,9 @@ def start_robot(trial: Trial, weights: Mapping[str, int], folder: Path) -> None:
         deploy.run("kubectl", "apply", "-f", str(path))
 
 
-def decide(trial: Trial, folder: Path) -> None:
+def decide(trial: Trial, capacity: Capacity, folder: Path) -> None:
     """Apply the configuration's policy, if there is one, and wait until its decisions are in force."""
-    variant = trial.configuration.variant(policy_document(trial.story))
+    variant = trial.configuration.variant(policy_document(trial.story), capacity.reserve(cores()))
     if variant is None:
         return
     path = folder / "policy.yaml"

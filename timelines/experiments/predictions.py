@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from contextpolicy.streams.timeline import Timeline
+    from timelines.experiments.capacity import Capacity
     from timelines.experiments.configurations import Configuration
 
 PREDICTED: Sequence[Configuration] = (WEIGHTS, WEIGHTS_GATED, LIMITS, LIMITS_GATED)
@@ -45,14 +46,14 @@ def slowed_down(profiles: Profiles, part: float) -> Profiles:
 
 
 def predict(
-    policy: Mapping[str, Any], timeline: Timeline, measured: Mapping[str, Any], part: float, cores: int
+    policy: Mapping[str, Any], timeline: Timeline, measured: Mapping[str, Any], capacity: Capacity
 ) -> dict[str, dict[str, float]]:
     """The part of each task's inputs that is late or dropped, by configuration; `measured` is a file of profiles."""
-    profiles, until = slowed_down(parse_profiles(measured), part), timeline.duration + TAIL
+    profiles, until = slowed_down(parse_profiles(measured), capacity.part), timeline.duration + TAIL
     found = {}
     for one in PREDICTED:
-        variant = parse(one.variant(dict(policy)))
-        plans = simulate(variant, timeline, robot=Robot({NODE: cores * 1000}), until=until).plans
+        variant = parse(one.variant(dict(policy), "0"))
+        plans = simulate(variant, timeline, robot=Robot({NODE: capacity.processors * 1000}), until=until).plans
         tasks = forecast(variant, timeline, plans, profiles, until=until).tasks
         found[one.name] = {name: round(own[ALL].misses, 4) for name, own in tasks.items() if ALL in own}
     return found

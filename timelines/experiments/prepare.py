@@ -9,6 +9,7 @@ from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, Trial
 from timelines.experiments.campaign import Setting, own_deadlines
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.halving import candidates, halved
 from timelines.experiments.metrics import Run
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 
     Frozen = Mapping[str, Any]
 
-UNCALIBRATED: Mapping[str, float] = {LIGHT: 1.0, HEAVY: 0.5}
-"""The part of each processor that is left where nothing was calibrated: for a quick look only."""
+UNCALIBRATED: Mapping[str, Capacity] = {LIGHT: Capacity(2, 1.0), HEAVY: Capacity(1, 0.8)}
+"""What the tasks share where nothing was calibrated: for a quick look only."""
 
 
 class Preparation:
@@ -34,18 +35,20 @@ class Preparation:
         self._bench, self._progress = bench, progress
 
     def calibrated(self) -> dict[str, Any]:
-        """The part of each processor that is left under each load, and deadlines that each task keeps alone."""
+        """What the tasks share under each load, and deadlines that each task keeps alone."""
         own = own_deadlines()
-        wanted = calibration.demand(self._alone(Setting(1.0, own)))
-        parts = calibration.parts(wanted, installation.cores())
-        self._progress.say(f"wanted: {_words(wanted, 'cores')}; left of each processor: {_words(parts)}")
-        slow = self._alone(Setting(parts[HEAVY], own))
+        cores = installation.cores()
+        wanted = calibration.demand(self._alone(Setting(Capacity(cores, 1.0), own)))
+        loads = calibration.capacities(wanted, cores)
+        shared = ", ".join(f"{name} {capacity}" for name, capacity in loads.items())
+        self._progress.say(f"wanted: {_words(wanted, 'cores')}; processors: {shared}")
+        slow = self._alone(Setting(loads[HEAVY], own))
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
         deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
         self._progress.say(f"deadlines: {_words(deadlines, 's')}; kept alone: {_words(solo)}")
         date = dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds")
-        return {"date": date, "wanted": wanted, "parts": parts, "deadlines": deadlines, "solo": solo}
+        return {"date": date, "wanted": wanted, "loads": loads, "deadlines": deadlines, "solo": solo}
 
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
         """The static weights that the search found, and what it tried."""
@@ -55,7 +58,7 @@ class Preparation:
         def run(number: int, weights: Weights, story: str) -> Run:
             self._progress.say(f"{configuration.title}, set {number + 1}: {story}")
             trial = Trial(HEAVY, STORIES[story], configuration, 0, number)
-            record = self._bench.record(f"tuning/{setting.part:g}/{number + 1:02}", trial, setting, weights)
+            record = self._bench.record(f"tuning/{setting.capacity.name}/{number + 1:02}", trial, setting, weights)
             return Run(self._bench.schedule(trial.story, setting.deadlines), record)
 
         tries = candidates(priorities(), frozen["wanted"])
@@ -64,15 +67,11 @@ class Preparation:
 
     def predicted(self, frozen: Frozen) -> dict[str, Any]:
         """What is predicted of each held-out story, and the profiles that this is computed from."""
-        part = frozen["parts"][HEAVY]
-        profiles = self._bench.profiles(_place(part), Trial(HEAVY, TUNING[0], ALONE, 0, 0))
+        capacity = settings(frozen)[HEAVY].capacity
+        profiles = self._bench.profiles(_place(capacity), Trial(HEAVY, TUNING[0], ALONE, 0, 0))
         misses = {
             story.name: predict(
-                installation.policy_document(story),
-                load(self._bench.folders.timeline(story)),
-                profiles,
-                part,
-                installation.cores(),
+                installation.policy_document(story), load(self._bench.folders.timeline(story)), profiles, capacity
             )
             for story in HELD_OUT
         }
@@ -81,22 +80,22 @@ class Preparation:
     def _alone(self, setting: Setting) -> list[Run]:
         found = []
         for story in TUNING:
-            self._progress.say(f"each task alone, {setting.part:.0%} of each processor: {story.name}")
+            self._progress.say(f"each task alone on {setting.capacity} processors: {story.name}")
             trial = Trial(HEAVY, story, ALONE, 0, 0)
-            record = self._bench.record(_place(setting.part), trial, setting, {})
+            record = self._bench.record(_place(setting.capacity), trial, setting, {})
             found.append(Run(self._bench.schedule(story, setting.deadlines), record))
         return found
 
 
-def _place(part: float) -> str:
+def _place(capacity: Capacity) -> str:
     """Where runs of each task alone are kept."""
-    return f"calibration/{part:g}"
+    return f"calibration/{capacity.name}"
 
 
 def settings(frozen: Frozen) -> dict[str, Setting]:
     """What was frozen for each load, or what does for a quick look."""
-    parts, deadlines = frozen.get("parts", UNCALIBRATED), frozen.get("deadlines") or own_deadlines()
-    return {load: Setting(part, deadlines) for load, part in parts.items()}
+    loads, deadlines = frozen.get("loads", UNCALIBRATED), frozen.get("deadlines") or own_deadlines()
+    return {name: Setting(Capacity(*capacity), deadlines) for name, capacity in loads.items()}
 
 
 def tuned_weights(frozen: Frozen) -> dict[bool, Weights]:

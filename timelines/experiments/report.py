@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from timelines.experiments import pictures, tables
 from timelines.experiments.blocks import HEAVY, LIGHT
 from timelines.experiments.calibration import LOADS
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, WEIGHTS, WEIGHTS_GATED
 from timelines.experiments.goals import GOALS, SIGNIFICANT, Goal
 from timelines.experiments.stories import HELD_OUT
@@ -87,12 +88,12 @@ def _machine(evidence: Evidence) -> str:
     machines = {
         "{processor}, {cores} cores, {memory_gib} GiB, Linux {kernel}".format(**one.about["machine"]) for one in every
     }
-    dates, parts = sorted(one.about["date"][:10] for one in every), evidence.frozen.get("parts")
+    dates, loads = sorted(one.about["date"][:10] for one in every), evidence.frozen.get("loads")
     words = [f"Machine: {'; '.join(sorted(machines))}. {len(every)} runs, {dates[0]} to {dates[-1]}."]
-    if not parts:
+    if not loads:
         return f"{words[0]} **Nothing was calibrated: a quick look.**\n"
-    loads = (f"{load} load, {LOADS[load]:g} of what there is: {parts[load]:.0%}" for load in parts)
-    words.append(f"Part of each processor that is left: {', '.join(loads)}.")
+    shared = (f"{load} load ({LOADS[load]:g}): {Capacity(*own)}" for load, own in loads.items())
+    words.append(f"The tasks share, in processors and the part of each that is left: {', '.join(shared)}.")
     alone = ", ".join(f"{task} {value:.1%}" for task, value in evidence.frozen["solo"].items())
     words.append(f"Hit rates of each task alone when deadlines were frozen: {alone}.")
     return " ".join(words) + "\n"

@@ -17,7 +17,7 @@ from contextpolicy.streams.timeline import load
 from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
-from timelines.experiments import installation
+from timelines.experiments import confine, installation
 from timelines.experiments.calm import busy_seconds, wait_until_calm
 from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.streams.timeline import Timeline
     from timelines.experiments.blocks import Trial
+    from timelines.experiments.capacity import Capacity
 
 PROFILE = "robot/*/profile"
 SETTLING = 2.0
@@ -46,14 +47,14 @@ SETTLING = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What a run happens under: its timeline and recordings, and the part of each processor that is left (`slowed`).
+    """What a run happens under: its timeline and recordings, and what the tasks share.
 
     `weights` are the searched ones, for a configuration that has static weights.
     """
 
     timeline: Path
     datasets: Path
-    part: float
+    capacity: Capacity
     weights: Mapping[str, int]
 
 
@@ -71,7 +72,7 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
             healths.wait_until_ready()
             gate: AbstractContextManager[object] = Gate(viewer) if trial.configuration.relayed else nullcontext()
             with gate:
-                installation.decide(trial, folder)
+                installation.decide(trial, conditions.capacity, folder)
                 about = _Recording(trial, conditions, sensors, viewer, healths).make(folder)
         (folder / RUN).write_text(json.dumps(about), encoding="utf-8")
     finally:
@@ -120,14 +121,18 @@ class _Recording:
 
     def make(self, folder: Path) -> dict[str, Any]:
         """Record the run, and say what else has to be known of it."""
+        capacity, cgroups = self._conditions.capacity, installation.cgroups()
+        processors = confine.first(capacity.processors)
+        confine.confine(cgroups, deploy.TASKS, processors)
         calm, busy, began = wait_until_calm(), busy_seconds(), time.monotonic()
-        with slowed(self._conditions.part), McapWriter(folder / MESSAGES) as file:
+        with slowed(capacity.part, processors), McapWriter(folder / MESSAGES) as file:
             with (
-                BusRecorder(self._viewer, file, installation.cgroups(), without_payload=self._source.recorded),
+                BusRecorder(self._viewer, file, cgroups, without_payload=self._source.recorded),
                 Executive(self._viewer, self._sensors) as executive,
             ):
                 reports, drained = self._play()
             took, profiles = time.monotonic() - began, _profiles(self._viewer)
+            confine.check(cgroups, deploy.TASKS, processors)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
         kept = document(profiles, dt.datetime.now(dt.UTC))
         (folder / PROFILES).write_text(json.dumps(kept), encoding="utf-8")
@@ -135,10 +140,10 @@ class _Recording:
             "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
             "machine": _machine(),
             "load": calm,
-            "part": self._conditions.part,
+            "capacity": list(capacity),
             "seconds": round(took, 2),
             "busy": round(busy_seconds() - busy, 2),
-            "stolen": round((1 - self._conditions.part) * (os.cpu_count() or 1) * took, 2),
+            "stolen": round((1 - capacity.part) * capacity.processors * took, 2),
             "drained": drained,
         }
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 PERIOD = 0.002
 HEADROOM = 0.9
@@ -24,11 +24,10 @@ HEADROOM = 0.9
 
 
 @contextmanager
-def slowed(part: float) -> Iterator[None]:
-    """Leave this part of each processor to the rest of the machine; with all of it nothing is started."""
-    processors = sorted(os.sched_getaffinity(0)) if part < 1 else ()
+def slowed(part: float, processors: Collection[int]) -> Iterator[None]:
+    """Leave this part of each of these processors to all else; with all of it nothing is started."""
     # Programs of their own, which import nothing of this project: what they took to start would be missing from a run.
-    thieves = [subprocess.Popen([sys.executable, __file__, str(cpu), str(1 - part)]) for cpu in processors]
+    thieves = [subprocess.Popen([sys.executable, __file__, str(cpu), str(1 - part)]) for cpu in processors if part < 1]
     try:
         yield
     finally:

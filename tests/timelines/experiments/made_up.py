@@ -25,7 +25,7 @@ ABOUT = {
     "busy": 8.0,
     "stolen": 1.0,
     "load": 0.1,
-    "part": 0.4,
+    "capacity": [1, 0.4],
 }
 
 

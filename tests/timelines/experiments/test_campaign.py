@@ -13,6 +13,7 @@ from timelines.experiments import __main__ as command
 from timelines.experiments import campaign as module
 from timelines.experiments.blocks import HEAVY, trials
 from timelines.experiments.campaign import Campaign, Folders, Setting, Workbench
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen, write_schedule
 from timelines.experiments.prepare import Preparation
@@ -32,7 +33,7 @@ class Bench(Workbench):
     def _do(self, place, trial, setting, weights):
         if len(self.done) == self.lasts:
             raise DeployError("the node is gone")
-        self.done.append((trial.name, trial.block, setting.part, dict(weights)))
+        self.done.append((trial.name, trial.block, setting.capacity.part, dict(weights)))
         write_schedule(self.folders.data, trial.story.name, SCHEDULE)
         record = a_run(trial.configuration.name, block=trial.block)
         file = self._file(place, trial)
@@ -52,7 +53,7 @@ class Lines:
 
 def run(bench, *, until=lambda _: True):
     lines = Lines()
-    made = Campaign(bench, {HEAVY: Setting(0.4, {})}, {False: {"slam": 2}, True: {"slam": 3}}, lines)
+    made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {False: {"slam": 2}, True: {"slam": 3}}, lines)
     return made.run(CHOSEN, until=until, commit=False), lines.said
 
 
@@ -80,8 +81,8 @@ def test_each_run_has_its_loads_part_and_its_gatings_weights(tmp_path):
 def test_a_run_under_another_load_is_not_taken_for_one_of_this(tmp_path):
     run(Bench(tmp_path))
     bench = Bench(tmp_path)
-    with pytest.raises(DeployError, match=r"0\.4 of each processor, not 0\.5: delete it"):
-        bench.record(CHOSEN[0].group, CHOSEN[0], Setting(0.5, {}), {})
+    with pytest.raises(DeployError, match=r"on 1 x 0\.4, not 1 x 0\.5: delete it"):
+        bench.record(CHOSEN[0].group, CHOSEN[0], Setting(Capacity(1, 0.5), {}), {})
 
 
 def test_nothing_is_begun_that_would_end_too_late(tmp_path):
@@ -112,8 +113,8 @@ def test_what_is_due_may_not_change_between_runs(tmp_path):
 
 def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
     assert read_frozen(tmp_path) == {}
-    write_frozen(tmp_path, {"parts": {"heavy": 0.4}})
-    assert read_frozen(tmp_path) == {"parts": {"heavy": 0.4}}
+    write_frozen(tmp_path, {"loads": {"heavy": Capacity(1, 0.4)}})
+    assert read_frozen(tmp_path) == {"loads": {"heavy": [1, 0.4]}}
     assert json.loads((tmp_path / "frozen.json").read_text(encoding="utf-8"))
 
 
@@ -125,11 +126,11 @@ class Prepares(Preparation):
         self.asked: list[object] = []
 
     def calibrated(self):
-        self.asked.append("parts")
-        return {"parts": {"light": 0.8, "heavy": 0.4}}
+        self.asked.append("loads")
+        return {"loads": {"light": [2, 0.8], "heavy": [1, 0.8]}}
 
     def tuned(self, frozen, *, gated):
-        assert frozen["parts"]
+        assert frozen["loads"]
         self.asked.append(gated)
         return {"weights": {"slam": 1}, "tried": []}
 
@@ -143,7 +144,7 @@ def test_loads_and_weights_are_found_out_once(tmp_path):
     preparation = Prepares(tmp_path)
     frozen: dict[str, object] = {}
     command._prepare(preparation, frozen, tmp_path)
-    assert preparation.asked == ["parts", False, True, "predicted"]
+    assert preparation.asked == ["loads", False, True, "predicted"]
     command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path)
     assert len(preparation.asked) == 4
 

@@ -31,7 +31,7 @@ WEIGHTS_FOUND = {"slam": 1024, "signs": 512, "speech": 512, "navigation": 256, "
 
 
 def variant(configuration, document=MISSION):
-    resource = configuration.variant(document)
+    resource = configuration.variant(document, "1200m")
     assert resource is not None
     return resource
 
@@ -39,7 +39,7 @@ def variant(configuration, document=MISSION):
 @pytest.mark.parametrize("document", POLICIES.values(), ids=POLICIES)
 @pytest.mark.parametrize("configuration", CONFIGURATIONS.values(), ids=CONFIGURATIONS)
 def test_every_variant_is_a_policy(configuration, document):
-    resource = configuration.variant(document)
+    resource = configuration.variant(document, "1200m")
     if resource is None:
         assert not configuration.gated
         return
@@ -64,7 +64,7 @@ def test_gating_is_a_factor_of_its_own():
     for configuration in (STATIC_GATED, WEIGHTS_GATED, LIMITS_GATED):
         assert suspensions(variant(configuration)) == gated
     assert suspensions(variant(WEIGHTS)) == dict.fromkeys(gated, [])
-    assert LINUX.variant(MISSION) is None
+    assert LINUX.variant(MISSION, "1200m") is None
     assert [one.relayed for one in (LINUX, LINUX_GATED, WEIGHTS_GATED)] == [False, True, False]
 
 
@@ -77,10 +77,14 @@ def test_weights_have_no_max_and_limits_do():
     assert all("max" in task for task in variant(LIMITS_GATED)["spec"]["tasks"])
 
 
+def test_a_policy_divides_what_its_load_has():
+    assert variant(WEIGHTS)["spec"]["reserve"] == "1200m"
+
+
 def test_the_policies_are_not_changed():
     before = repr(POLICIES)
     for configuration in CONFIGURATIONS.values():
-        configuration.variant(MISSION)
+        configuration.variant(MISSION, "1200m")
     assert repr(POLICIES) == before
 
 

@@ -7,6 +7,7 @@ import yaml
 
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import parse
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.predictions import PREDICTED, predict, slowed_down
 from timelines.experiments.stories import HELD_OUT
 
@@ -36,7 +37,7 @@ def test_on_slower_processors_the_same_input_takes_longer():
 
 
 def test_each_configuration_is_predicted():
-    fast, slow = (predict(POLICY, TIMELINE, MEASURED, part, 2) for part in (1.0, 0.3))
+    fast, slow = (predict(POLICY, TIMELINE, MEASURED, Capacity(1, part)) for part in (1.0, 0.3))
     assert set(fast) == {one.name for one in PREDICTED}
     assert fast["weights-gated"]["slam"] == 0
     assert slow["weights-gated"]["slam"] > 0.5  # 170 ms an input, ten times a second

@@ -6,7 +6,8 @@ import pytest
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
 from timelines.experiments.accounting import Ended, Ending
-from timelines.experiments.calibration import deadline, demand, parts, solo
+from timelines.experiments.calibration import capacities, deadline, demand, solo
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.halving import ALWAYS, CANDIDATES, LEAST, MOST, candidates, halved, score
 from timelines.experiments.metrics import Run
 
@@ -27,10 +28,17 @@ def test_inputs_that_were_not_done_are_wanted_as_well():
     assert demand([run(slam="i" * 5 + "d" * 5, cpu=0.008)])["slam"] == pytest.approx(10 * 0.008 / 10)
 
 
-def test_processors_are_slowed_until_the_tasks_want_what_a_load_says():
-    assert parts({"slam": 0.8, "signs": 0.32}, 2) == {"light": 0.8, "heavy": 0.4}
-    assert parts({"slam": 3.0}, 2) == {"light": 1.0, "heavy": 1.0}
-    assert parts({"slam": 0.1}, 2)["heavy"] == 0.15
+def test_the_fewest_processors_are_slowed_until_the_tasks_want_what_a_load_says():
+    assert capacities({"slam": 0.8, "signs": 0.32}, 2) == {"light": (2, 0.8), "heavy": (1, 0.8)}
+    assert capacities({"slam": 3.0}, 2) == {"light": (2, 1.0), "heavy": (2, 1.0)}
+    assert capacities({"slam": 0.1}, 2)["heavy"] == (1, 0.15)
+
+
+def test_a_policy_divides_what_is_there():
+    assert Capacity(1, 0.8).reserve(2) == "1200m"  # all else runs on the other processor
+    assert Capacity(2, 0.5).reserve(2) == "1100m"
+    assert Capacity(2, 1.0).reserve(2) == "200m"
+    assert (str(Capacity(1, 0.75)), Capacity(1, 0.75).name) == ("1 x 0.75", "1x0.75")
 
 
 def ended(*responses):

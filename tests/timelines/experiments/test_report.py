@@ -13,7 +13,7 @@ from timelines.experiments.blocks import HEAVY
 from timelines.experiments.evidence import Evidence
 from timelines.experiments.report import write_report
 
-FROZEN = {"parts": {"light": 0.8, "heavy": 0.4}, "solo": {"slam": 1.0}, "deadlines": {"slam": 0.1}}
+FROZEN = {"loads": {"light": [2, 0.8], "heavy": [1, 0.8]}, "solo": {"slam": 1.0}, "deadlines": {"slam": 0.1}}
 ACCURACY = {"slam": ["ATE", 0.02, "m", 90, False], "speech": ["commands heard", 75.0, "%", 4, True]}
 
 

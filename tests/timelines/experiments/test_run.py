@@ -18,6 +18,7 @@ from timelines.experiments import collect, healths, installation, metrics
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, LINUX
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
@@ -74,7 +75,7 @@ def node(monkeypatch):
 def conditions(tmp_path):
     timeline = tmp_path / "short.json"
     timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    return Conditions(timeline, tmp_path, 1.0, {})
+    return Conditions(timeline, tmp_path, Capacity(1, 1.0), {})
 
 
 def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001

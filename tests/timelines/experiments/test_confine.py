@@ -1,0 +1,44 @@
+"""Tasks stay on the processors that are theirs."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+import pytest
+
+from timelines.demo.deploy import DeployError
+from timelines.experiments.confine import check, confine, first
+
+
+class Container:
+    """A cgroup with these processes."""
+
+    def __init__(self, *processes):
+        self._processes = list(processes)
+
+    def processes(self):
+        return self._processes
+
+
+@pytest.fixture
+def task():
+    with subprocess.Popen(["cat"], stdin=subprocess.PIPE) as process:
+        yield process
+        process.kill()
+
+
+def test_a_task_runs_on_its_processors_and_its_neighbours_where_they_did(task):
+    before, gone = os.sched_getaffinity(0), 2**22 - 1
+    containers = {"slam": Container(task.pid, gone), "router": Container(os.getpid())}
+    confine(containers, ["slam", "signs"], first(1))
+    assert os.sched_getaffinity(task.pid) == first(1)
+    assert os.sched_getaffinity(0) == before
+    check(containers, ["slam"], first(1))
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is nowhere else")
+def test_one_that_got_more_is_found(task):
+    containers = {"slam": Container(task.pid)}
+    with pytest.raises(DeployError, match="may run elsewhere"):
+        check(containers, ["slam"], first(1))

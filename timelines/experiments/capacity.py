@@ -1,0 +1,37 @@
+"""What the tasks have to share: so many processors, slowed to a part of their speed. Pure.
+
+A task of one thread can't be given more than one processor. So a load of 1.4 needs few and fast processors rather than
+many slow ones, on which the heaviest task would fail alone; all else of the machine has the other processors.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from contextpolicy.policy.quantities import format_cpu
+
+STEP = 10
+"""Thousandths of a core, in which a policy divides."""
+KUBERNETES = 200
+"""Thousandths of a core for Kubernetes and the operator, where they run on the same processors."""
+
+
+class Capacity(NamedTuple):
+    """`processors` for the tasks, and the `part` of each that is left to them (see `slowed`)."""
+
+    processors: int
+    part: float
+
+    def __str__(self) -> str:
+        return f"{self.processors} x {self.part:g}"
+
+    @property
+    def name(self) -> str:
+        """For folders."""
+        return f"{self.processors}x{self.part:g}"
+
+    def reserve(self, cores: int) -> str:
+        """What a policy must not divide on a node with so many cores: CPU that the tasks can't have."""
+        there = self.processors * self.part * 1000
+        beside = KUBERNETES * self.part if self.processors == cores else 0.0
+        return format_cpu(cores * 1000 - int((there - beside) // STEP * STEP))

@@ -1,0 +1,51 @@
+"""Keeps the tasks on the processors that are theirs, whatever the container runtime allows them."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from timelines.demo.deploy import DeployError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+PASSES = 2
+"""A thread that is started meanwhile has its starter's processors, old or new."""
+
+
+class Contained(Protocol):
+    """A container, such as a `timelines.demo.cgroup.Cgroup`."""
+
+    def processes(self) -> list[int]:
+        """The ids of its processes."""
+
+
+def first(count: int) -> set[int]:
+    """The first so many processors that we may use."""
+    return set(sorted(os.sched_getaffinity(0))[:count])
+
+
+def confine(cgroups: Mapping[str, Contained], tasks: Collection[str], processors: set[int]) -> None:
+    """Let all threads of these tasks run there, and nowhere else."""
+    for _ in range(PASSES):
+        for thread in _threads(cgroups, tasks):
+            with suppress(ProcessLookupError):  # it has ended
+                os.sched_setaffinity(thread, processors)
+
+
+def check(cgroups: Mapping[str, Contained], tasks: Collection[str], processors: set[int]) -> None:
+    """DeployError if a task has got more: somebody has written its cpuset since, or it was restarted."""
+    for thread in _threads(cgroups, tasks):
+        with suppress(ProcessLookupError):
+            if not os.sched_getaffinity(thread) <= processors:
+                raise DeployError(f"thread {thread} of a task may run elsewhere than on processors {processors}")
+
+
+def _threads(cgroups: Mapping[str, Contained], tasks: Collection[str]) -> Iterator[int]:
+    for task in tasks:
+        for process in cgroups[task].processes() if task in cgroups else ():
+            with suppress(FileNotFoundError):
+                yield from [int(path.name) for path in Path(f"/proc/{process}/task").iterdir()]
