@@ -20,7 +20,8 @@ from robotkit.euroc import DatasetError
 from timelines.datasets.recordings import ROOT
 from timelines.demo import deploy
 from timelines.experiments import installation
-from timelines.experiments.blocks import HEAVY, LIGHT, trials
+from timelines.experiments.blocks import trials
+from timelines.experiments.calibration import LOADS
 from timelines.experiments.campaign import Campaign, Folders, Workbench
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
@@ -115,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("stories", nargs="*", choices=REPORTED, metavar="STORY", help=", ".join(REPORTED))
     parser.add_argument("--blocks", type=int, metavar="N", help="at most so many blocks of each part")
-    parser.add_argument("--loads", nargs="+", default=(), choices=(HEAVY, LIGHT), metavar="LOAD", help="heavy, light")
+    parser.add_argument("--loads", nargs="+", default=(), choices=list(LOADS), metavar="LOAD", help=", ".join(LOADS))
     parser.add_argument(
         "--only",
         nargs="+",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from timelines.experiments.blocks import HEAVY, LIGHT
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
 from timelines.experiments.capacity import Capacity
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from timelines.experiments.accounting import Ended
     from timelines.experiments.metrics import Run
 
-LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4}
+LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4}
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
@@ -42,15 +42,12 @@ def _wanted(run: Run, task: str) -> float:
     return math.fsum(done) * len(ended) / len(done) / run.schedule.duration + beside
 
 
-def capacities(wanted: Mapping[str, float], cores: int) -> dict[str, Capacity]:
-    """What makes each load: the fewest processors that are enough, slowed as far as it takes.
+def capacity(load: str, wanted: Mapping[str, float], cores: int) -> Capacity:
+    """What makes a load: the fewest processors that are enough, slowed as far as it takes.
 
     All of them at full speed where the tasks want more than that.
     """
-    return {load: _capacity(sum(wanted.values()) / part, cores) for load, part in LOADS.items()}
-
-
-def _capacity(needed: float, cores: int) -> Capacity:
+    needed = sum(wanted.values()) / LOADS[load]
     processors = min(max(math.ceil(needed), 1), cores)
     return Capacity(processors, round(min(1.0, max(SLOWEST, needed / processors)), 3))
 

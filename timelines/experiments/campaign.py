@@ -13,7 +13,7 @@ from contextpolicy.streams.timeline import load
 from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
-from timelines.experiments.blocks import is_reported, seconds_left
+from timelines.experiments.blocks import seconds_left
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
@@ -94,14 +94,12 @@ class Workbench:
         return found
 
     def schedule(self, story: Story, deadlines: Mapping[str, float]) -> Schedule:
-        """What is due in a story; of those that are reported it is kept, and may not change."""
+        """What is due in a story."""
         timeline = self.folders.timeline(story)
         key = fingerprint(story, timeline, deadlines)
         if key not in self._schedules:
-            found = schedule(story, timeline, self.folders.datasets, deadlines, installation.cores())
-            if is_reported(story):
-                write_schedule(self.folders.data, story.name, found)
-            self._schedules[key] = found
+            cores = installation.cores()
+            self._schedules[key] = schedule(story, timeline, self.folders.datasets, deadlines, cores)
         return self._schedules[key]
 
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
@@ -166,12 +164,15 @@ class Campaign:
         return self._bench.record(trial.group, trial, setting, weights)
 
     def _keep(self, group: str, trials: Sequence[Trial], *, commit: bool) -> None:
-        """Write a block's file once all of its runs are done."""
+        """Write a block's file once all of its runs are done, and what was due in them, which may not change."""
         own = [trial for trial in trials if trial.group == group]
         if not all(self._bench.has(group, trial) for trial in own):
             return
         path = self._path(group)
         path.parent.mkdir(parents=True, exist_ok=True)
+        for story in {trial.story.name: trial.story for trial in own}.values():
+            due = self._bench.schedule(story, self._settings[own[0].load].deadlines)
+            write_schedule(self._bench.folders.data, story.name, due)
         path.write_bytes(block(self._record(trial) for trial in own))
         if commit:
             _commit(self._bench.folders.data, f"Keep block {group} of the experiments")

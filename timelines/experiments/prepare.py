@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
-from timelines.experiments.blocks import HEAVY, LIGHT, Trial
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial
 from timelines.experiments.campaign import Setting, own_deadlines
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
@@ -17,14 +17,21 @@ from timelines.experiments.predictions import predict
 from timelines.experiments.stories import HELD_OUT, STORIES, TUNING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from timelines.experiments.campaign import Progress, Workbench
     from timelines.experiments.halving import Weights
+    from timelines.experiments.stories import Story
 
     Frozen = Mapping[str, Any]
 
-UNCALIBRATED: Mapping[str, Capacity] = {LIGHT: Capacity(2, 1.0), HEAVY: Capacity(1, 0.8)}
+MIDDLE = "exp2"
+"""The paper's story of which it is measured what its tasks want."""
+UNCALIBRATED: Mapping[str, Capacity] = {
+    LIGHT: Capacity(2, 1.0),
+    HEAVY: Capacity(1, 0.8),
+    PAPERS_LOAD: Capacity(1, 0.5),
+}
 """What the tasks share where nothing was calibrated: for a quick look only."""
 
 
@@ -38,11 +45,14 @@ class Preparation:
         """What the tasks share under each load, and deadlines that each task keeps alone."""
         own = own_deadlines()
         cores = installation.cores()
-        wanted = calibration.demand(self._alone(Setting(Capacity(cores, 1.0), own)))
-        loads = calibration.capacities(wanted, cores)
+        whole = Setting(Capacity(cores, 1.0), own)
+        wanted = calibration.demand(self._alone(whole, TUNING))
+        loads = {load: calibration.capacity(load, wanted, cores) for load in (LIGHT, HEAVY)}
+        papers = calibration.demand(self._alone(whole, [STORIES[MIDDLE]]))
+        loads[PAPERS_LOAD] = calibration.capacity(PAPERS_LOAD, papers, cores)
         shared = ", ".join(f"{name} {capacity}" for name, capacity in loads.items())
         self._progress.say(f"wanted: {_words(wanted, 'cores')}; processors: {shared}")
-        slow = self._alone(Setting(loads[HEAVY], own))
+        slow = self._alone(Setting(loads[HEAVY], own), TUNING)
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
         deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
@@ -77,9 +87,9 @@ class Preparation:
         }
         return {"misses": misses, "profiles": profiles}
 
-    def _alone(self, setting: Setting) -> list[Run]:
+    def _alone(self, setting: Setting, stories: Sequence[Story]) -> list[Run]:
         found = []
-        for story in TUNING:
+        for story in stories:
             self._progress.say(f"each task alone on {setting.capacity} processors: {story.name}")
             trial = Trial(HEAVY, story, ALONE, 0, 0)
             record = self._bench.record(_place(setting.capacity), trial, setting, {})

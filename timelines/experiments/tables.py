@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending
-from timelines.experiments.blocks import HEAVY
+from timelines.experiments.blocks import HEAVY, PAPERS_LOAD
 from timelines.experiments.configurations import ALONE, CONFIGURATIONS, LINUX, PAPERS
 from timelines.experiments.goals import SPEEDUP
 from timelines.experiments.paired import bootstrap
@@ -196,7 +196,7 @@ def speedups(evidence: Evidence) -> Iterator[tuple[str, str, Interval]]:
     """The paper's measure, block by block: total time of Linux default divided by the configuration's."""
     for story in PAPER:
         for one in PAPERS:
-            pairs = [pair for _, pair in evidence.pairs(HEAVY, one.name, LINUX.name, [story])]
+            pairs = [pair for _, pair in evidence.pairs(PAPERS_LOAD, one.name, LINUX.name, [story])]
             ratios = [pair.base.about["finished"] / pair.record.about["finished"] for pair in pairs]
             if ratios and one is not LINUX:
                 yield story.name, one.title, bootstrap(ratios)

@@ -30,11 +30,14 @@ class Bench(Workbench):
         self.done: list[tuple[str, int, float, dict[str, int]]] = []
         self.lasts = lasts
 
+    def schedule(self, story, deadlines):
+        del story, deadlines
+        return SCHEDULE
+
     def _do(self, place, trial, setting, weights):
         if len(self.done) == self.lasts:
             raise DeployError("the node is gone")
         self.done.append((trial.name, trial.block, setting.capacity.part, dict(weights)))
-        write_schedule(self.folders.data, trial.story.name, SCHEDULE)
         record = a_run(trial.configuration.name, block=trial.block)
         file = self._file(place, trial)
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,7 @@ import pytest
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
 from timelines.experiments.accounting import Ended, Ending
-from timelines.experiments.calibration import capacities, deadline, demand, solo
+from timelines.experiments.calibration import capacity, deadline, demand, solo
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.halving import ALWAYS, CANDIDATES, LEAST, MOST, candidates, halved, score
 from timelines.experiments.metrics import Run
@@ -29,9 +29,10 @@ def test_inputs_that_were_not_done_are_wanted_as_well():
 
 
 def test_the_fewest_processors_are_slowed_until_the_tasks_want_what_a_load_says():
-    assert capacities({"slam": 0.8, "signs": 0.32}, 2) == {"light": (2, 0.8), "heavy": (1, 0.8)}
-    assert capacities({"slam": 3.0}, 2) == {"light": (2, 1.0), "heavy": (2, 1.0)}
-    assert capacities({"slam": 0.1}, 2)["heavy"] == (1, 0.15)
+    wanted = {"slam": 0.8, "signs": 0.32}
+    assert [capacity(load, wanted, 2) for load in ("light", "heavy", "paper")] == [(2, 0.8), (1, 0.8), (1, 0.8)]
+    assert [capacity(load, {"slam": 3.0}, 2) for load in ("light", "heavy")] == [(2, 1.0), (2, 1.0)]
+    assert capacity("heavy", {"slam": 0.1}, 2) == (1, 0.15)
 
 
 def test_a_policy_divides_what_is_there():

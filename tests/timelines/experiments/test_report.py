@@ -26,7 +26,7 @@ def some_runs():
     yield a_run("alone")
     for block in range(3):
         for name, finished in (("linux", 30.0), ("limits-gated", 20.0)):
-            run = a_run(name, block=block, story="exp1")
+            run = a_run(name, block=block, load="paper", story="exp1")
             yield replace(run, about={**run.about, "finished": finished})
 
 
