@@ -2,7 +2,7 @@
 
 Each goal compares a configuration with another one of the same block, case by case: a context's critical task, or a
 task. It holds if it holds in every case (an intersection-union test: the least sure case decides, and needs no
-correction for the number of cases). Among the goals Holm's correction applies. The day and the weather are the blocks'.
+correction for the number of cases). Among the goals Holm's correction applies.
 """
 
 from __future__ import annotations

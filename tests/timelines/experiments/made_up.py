@@ -33,10 +33,9 @@ def column(endings, response=0.05, cpu=0.02):
     """`endings` are letters: i(n time), l(ate), d(ropped), s(uspended), o(n the way lost)."""
     letters = {"d": Ending.DROPPED, "s": Ending.SUSPENDED, "o": Ending.LOST}
     took = {"i": response, "l": 5.0}
-    ended = [
-        Ended(Ending.IN_TIME, took[one], cpu) if one in took else Ended(letters[one]) for one in endings
-    ]
-    return Column.of(ended)
+    return Column.of(
+        [Ended(Ending.IN_TIME, took[one], cpu) if one in took else Ended(letters[one]) for one in endings]
+    )
 
 
 def a_run(configuration, slam="i" * 10, speech="i" * 10, *, block=0, load="heavy", story="delivery", **more):

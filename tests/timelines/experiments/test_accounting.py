@@ -90,7 +90,7 @@ def test_every_input_ends_once_and_what_was_done_is_never_counted_away(run):
 @given(runs(), st.floats(0, 30), st.floats(0, 30))
 def test_gating_never_improves_a_rate(run, begin, length):
     """Suspend a task that its context wants for a while: what is not done then is missed, and stays in what was due."""
-    due = [Due("audio", n, float(n), "talk", True, False) for n in range(len(run.stamps))]
+    due = [Due("audio", n, float(n), "talk", wanted=True, onset=False) for n in range(len(run.stamps))]
     away = (begin, begin + length)
     kept = {stamp: one for stamp, one in run.done.items() if not away[0] <= stamp / 1e9 < away[1]}
     gated = Heard(run.stamps, kept, sorted([*run.away, away]), run.dropped, run.deadline)
@@ -126,7 +126,7 @@ def test_a_schedule_survives_its_file():
 
 def test_without_contexts_everything_is_wanted():
     plain = Schedule(1.0, {"k": [0.0]}, {"t": {"i": "k"}}, {}, [Window(0.0, 1.0, (), frozenset())])
-    assert plain.of("t") == [Due("i", 0, 0.0, NO_CONTEXT, True, True)]
+    assert plain.of("t") == [Due("i", 0, 0.0, NO_CONTEXT, wanted=True, onset=True)]
 
 
 def test_nothing_due_has_no_rate():
