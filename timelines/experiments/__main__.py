@@ -22,13 +22,14 @@ from timelines.demo import deploy
 from timelines.experiments import installation
 from timelines.experiments.blocks import trials
 from timelines.experiments.calibration import LOADS
-from timelines.experiments.campaign import Campaign, Folders, Workbench
+from timelines.experiments.campaign import Campaign
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
 from timelines.experiments.prepare import Preparation, name, settings, tuned_weights
 from timelines.experiments.record import RecordError
 from timelines.experiments.report import write_report
 from timelines.experiments.stories import HELD_OUT, PAPER
+from timelines.experiments.workbench import Folders, Workbench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

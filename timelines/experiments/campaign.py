@@ -1,134 +1,29 @@
-"""All runs, or what is left of them: prepare what has to be frozen, then block after block, each kept as it ends."""
+"""All runs, or what is left of them: block after block, each kept as it ends."""
 
 from __future__ import annotations
 
-import datetime as dt
-import json
 import subprocess
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from contextpolicy.policy.quantities import parse_duration
-from contextpolicy.streams.timeline import load
 from timelines.demo import deploy
-from timelines.experiments import collect, installation
-from timelines.experiments.accuracy import Judge
 from timelines.experiments.blocks import seconds_left
-from timelines.experiments.capacity import Capacity
 from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
-from timelines.experiments.raw_data import PROFILES, RUN, read_run
-from timelines.experiments.record import Record, block, packed, unpacked
-from timelines.experiments.run import Conditions, execute
-from timelines.experiments.schedules import fingerprint, module_file, schedule
-from timelines.experiments.stories import Use
+from timelines.experiments.record import block
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from timelines.experiments.blocks import Trial
-    from timelines.experiments.due import Schedule
-    from timelines.experiments.stories import Story
+    from timelines.experiments.record import Record
+    from timelines.experiments.workbench import Setting, Workbench
+
 
 class Progress(Protocol):
     """Where it is reported what is done, and how long the rest takes."""
 
     def say(self, line: str) -> None:
         """Report a line."""
-
-
-@dataclass(frozen=True, slots=True)
-class Folders:
-    """Where things are: recordings of single runs (`raw`), what is committed (`data`), and what is played."""
-
-    raw: Path
-    data: Path
-    datasets: Path
-    timelines: Path
-    """The stories' timelines, as `python -m timelines.scenarios` makes them."""
-
-    def timeline(self, story: Story) -> Path:
-        """A story's timeline; the paper's are committed."""
-        folder = deploy.REPOSITORY / "timelines" if story.use is Use.PAPER else self.timelines
-        return folder / f"{story.name}.json"
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """What all runs of a load have in common: what the tasks share, and their deadlines (seconds)."""
-
-    capacity: Capacity
-    deadlines: Mapping[str, float]
-
-
-class Workbench:
-    """Does single runs, none of them twice: what is finished is read again."""
-
-    def __init__(self, folders: Folders) -> None:
-        self.folders = folders
-        self.took: dict[str, tuple[float, float]] = {}
-        self._installed: tuple[bool, bool] | None = None
-        self._schedules: dict[str, Schedule] = {}
-
-    def has(self, place: str, trial: Trial) -> bool:
-        """Whether a run is finished."""
-        return self._file(place, trial).exists()
-
-    def record(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> Record:
-        """The record of a run, which is done if it was not yet; `place` is a folder of such runs.
-
-        DeployError if it was done under another load: what was calibrated has changed since.
-        """
-        path = self._file(place, trial)
-        if not path.exists():
-            self._do(place, trial, setting, weights)
-        found = Record.of_json(unpacked(path.read_bytes()))
-        capacity = Capacity(*found.about["capacity"])
-        if capacity != setting.capacity:
-            raise deploy.DeployError(f"{path}: on {capacity}, not {setting.capacity}: delete it, and its folder")
-        return found
-
-    def profiles(self, place: str, trial: Trial) -> dict[str, Any]:
-        """What each task's inputs cost in a run that is finished."""
-        found: dict[str, Any] = json.loads((self._folder(place, trial) / PROFILES).read_text(encoding="utf-8"))
-        return found
-
-    def schedule(self, story: Story, deadlines: Mapping[str, float]) -> Schedule:
-        """What is due in a story."""
-        timeline = self.folders.timeline(story)
-        key = fingerprint(story, timeline, deadlines)
-        if key not in self._schedules:
-            cores = installation.cores()
-            self._schedules[key] = schedule(story, timeline, self.folders.datasets, deadlines, cores)
-        return self._schedules[key]
-
-    def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
-        began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
-        due = self.schedule(trial.story, setting.deadlines)
-        self._install(trial)
-        if not (folder / RUN).exists():  # it may have been played already, and not been understood
-            execute(trial, Conditions(timeline, self.folders.datasets, setting.capacity, weights), folder)
-        run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
-        judged = {} if trial.configuration.alone else judge.accuracy(run)
-        self._file(place, trial).write_bytes(packed(collect.record(trial, run, due, judged).as_json()))
-        self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())
-
-    def _install(self, trial: Trial) -> None:
-        """Install the operator again only where another configuration needs it otherwise."""
-        wanted = (trial.configuration.agent, trial.configuration.realtime)
-        if self._installed != wanted:
-            installation.stop_robot()
-            installation.install(trial.configuration)
-            self._installed = wanted
-
-    def _timeline(self, trial: Trial) -> Path:
-        return self.folders.timeline(trial.story)
-
-    def _folder(self, place: str, trial: Trial) -> Path:
-        return self.folders.raw / "runs" / place / trial.name
-
-    def _file(self, place: str, trial: Trial) -> Path:
-        return self._folder(place, trial).with_suffix(ENDING)
 
 
 class Campaign:
@@ -179,12 +74,6 @@ class Campaign:
 
     def _path(self, group: str) -> Path:
         return self._bench.folders.data / BLOCKS / f"{group}{ENDING}"
-
-
-def own_deadlines() -> dict[str, float]:
-    """What each module says of itself, in seconds."""
-    needs = {task: module_file(task)["needs"].get("deadline") for task in deploy.TASKS}
-    return {task: parse_duration(text) for task, text in needs.items() if text is not None}
 
 
 def _commit(data: Path, message: str) -> None:

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial
-from timelines.experiments.campaign import Setting, own_deadlines
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.halving import candidates, halved
 from timelines.experiments.metrics import Run
 from timelines.experiments.predictions import predict
 from timelines.experiments.stories import HELD_OUT, STORIES, TUNING
+from timelines.experiments.workbench import Setting, own_deadlines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from timelines.experiments.campaign import Progress, Workbench
+    from timelines.experiments.campaign import Progress
     from timelines.experiments.halving import Weights
     from timelines.experiments.stories import Story
+    from timelines.experiments.workbench import Workbench
 
     Frozen = Mapping[str, Any]
 

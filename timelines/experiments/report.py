@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from timelines.experiments import pictures, tables
+from timelines.experiments import detail_tables, pictures, tables
 from timelines.experiments.blocks import HEAVY, LIGHT
 from timelines.experiments.calibration import LOADS
 from timelines.experiments.capacity import Capacity
@@ -140,21 +140,21 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
         if tables.held_out(evidence, load):
             yield f"## {load.capitalize()} load\n"
             yield "### How every input ended, in percent of what was due\n"
-            yield tables.endings(evidence, load)
+            yield detail_tables.endings(evidence, load)
             yield "### Critical tasks at the onset of their contexts, hit rates in percent\n"
-            yield tables.onsets(evidence, load)
+            yield detail_tables.onsets(evidence, load)
             yield "### How right each task was\n"
-            yield tables.accuracies(evidence, load)
+            yield detail_tables.accuracies(evidence, load)
             yield "### The player, and the machine\n"
-            yield tables.player(evidence, load)
-    predicted = tables.predictions(evidence)
+            yield detail_tables.player(evidence, load)
+    predicted = detail_tables.predictions(evidence)
     if predicted:
         yield "## Prediction, experimental: `contextpolicy simulate --profiles` before the runs, heavy load\n"
         yield predicted
     yield "## Every case of every goal\n"
     for verdict in found:
         yield f"### {verdict.goal.name}, {verdict.goal.load} load\n"
-        yield tables.cases(verdict)
+        yield detail_tables.cases(verdict)
     if pictures.draw_factors(evidence, LIGHT, figures / "factors-light.svg"):
         yield "![Hit rates of the critical tasks by configuration, light load](figures/factors-light.svg)\n"
     if pictures.draw_speedups(evidence, figures / "times.svg"):

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
-from timelines.experiments.accounting import Ending
-from timelines.experiments.blocks import HEAVY, PAPERS_LOAD
+from timelines.experiments.blocks import PAPERS_LOAD
 from timelines.experiments.configurations import ALONE, CONFIGURATIONS, LINUX, PAPERS
 from timelines.experiments.goals import SPEEDUP
 from timelines.experiments.paired import bootstrap
 from timelines.experiments.stories import HELD_OUT, PAPER, PROTECTED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from timelines.experiments.evidence import Evidence
     from timelines.experiments.metrics import Run
@@ -58,23 +56,15 @@ def goals(found: Iterable[Verdict]) -> str:
     for one in found:
         case, title = one.worst, CONFIGURATIONS[one.goal.configuration].title
         measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
-        gain = _gain(case.gain) if case else NONE
-        rows.append([one.goal.load, one.goal.name, title, measured, gain, f"{one.probability:.3g}", _WORDS[one.met]])
+        better = gain(case.gain) if case else NONE
+        rows.append([one.goal.load, one.goal.name, title, measured, better, f"{one.probability:.3g}", _WORDS[one.met]])
     head = ["load", "goal", "configuration", "least sure case", "better than asked by", "p (Holm)", ""]
     return table(head, rows)
 
 
-def _gain(found: Interval) -> str:
+def gain(found: Interval) -> str:
+    """By how much something is better than asked, with its interval."""
     return f"{found.mean:+.3g} [{found.low:+.3g}, {found.high:+.3g}]"
-
-
-def cases(verdict: Verdict) -> str:
-    """Each case of a goal: both values, by how much it is better than asked, and its own probability."""
-    rows = [
-        [one.name, short(one.value), short(one.base), _gain(one.gain), f"{one.probability:.3g}"]
-        for one in verdict.cases
-    ]
-    return table(["", "value", "against", "better than asked by", "p"], rows)
 
 
 def of_load(evidence: Evidence, load: str) -> str:
@@ -115,81 +105,6 @@ def chains(evidence: Evidence, load: str) -> str:
         rows.append([CONFIGURATIONS[name].title, f"{100 * part:.1f} %", *times[:2], f"{heard} of {said}", times[2]])
     head = ["", "frames that led to a wheel command", "camera to wheels, median", "99 %"]
     return table([*head, "spoken stops that stopped the wheels", "from the word's end, median"], rows) if rows else ""
-
-
-def endings(evidence: Evidence, load: str) -> str:
-    """How the inputs of every task ended, in percent of what was due, whether its context wants it or not."""
-    rows = []
-    for name, runs in held_out(evidence, load).items():
-        for task in runs[0].schedule.inputs:
-            counts = rates.endings(runs, task)
-            due = sum(counts.values())
-            parts = [f"{100 * counts[ending] / due:.1f}" if due else NONE for ending in Ending]
-            wanted = percent(rates.whole(runs, task))
-            rows.append([task, CONFIGURATIONS[name].title, f"{due:.0f}", *parts, wanted])
-    return table(["task", "", "due", *Ending, "hit, of those wanted"], sorted(rows, key=lambda row: row[0]))
-
-
-def onsets(evidence: Evidence, load: str) -> str:
-    """The critical task at the begin of its context, and after it."""
-    rows = []
-    for name, runs in held_out(evidence, load).items():
-        for context, task in rates.by_context(run.schedule for run in runs).items():
-            found = rates.onset(runs, context, task)
-            if found:
-                rows.append([CONFIGURATIONS[name].title, f"{context}: {task}", *(f"{100 * one:.1f}" for one in found)])
-    return table(["", "", "first second", "after it"], rows)
-
-
-def accuracies(evidence: Evidence, load: str) -> str:
-    """How right each task was: the mean over blocks."""
-    rows = []
-    for name, runs in held_out(evidence, load).items():
-        for task, (measure, unit) in _judged(runs).items():
-            values = [one.record.accuracy[task][1] for one in runs if task in one.record.accuracy]
-            interval = bootstrap(values)
-            around = f"{short(interval.mean)} [{short(interval.low)}, {short(interval.high)}]"
-            rows.append([f"{task}: {measure}", CONFIGURATIONS[name].title, f"{around} {unit}", str(len(values))])
-    return table(["", "", "mean", "runs"], sorted(rows, key=lambda row: row[0]))
-
-
-def _judged(runs: Sequence[Run]) -> Mapping[str, tuple[str, str]]:
-    return {task: (one[0], one[2]) for run in runs for task, one in run.record.accuracy.items()}
-
-
-def player(evidence: Evidence, load: str) -> str:
-    """How late the player was itself, and how busy the machine was before."""
-    rows = []
-    for name, runs in held_out(evidence, load).items():
-        middle, most = rates.lateness(runs)
-        busiest = max(run.record.about["load"] for run in runs)
-        rows.append([CONFIGURATIONS[name].title, f"{middle:.1f} ms", f"{most:.1f} ms", f"{100 * busiest:.0f} %"])
-    return table(["", "player late, median", "99 %", "busiest before a run"], rows)
-
-
-def predictions(evidence: Evidence) -> str:
-    """Misses as predicted before the runs, as measured, and as under Linux default; then how far off each answer is."""
-    rows, off = [], []
-    for story, configurations in evidence.frozen.get("predicted", {}).get("misses", {}).items():
-        plain = evidence.of(HEAVY, story, LINUX.name)
-        for name, tasks in configurations.items():
-            runs = evidence.of(HEAVY, story, name)
-            for task, predicted in tasks.items() if runs and plain else ():
-                missed, before = (1 - _hit(one, task) for one in (runs, plain))
-                off.append([100 * abs(answer - missed) for answer in (predicted, 0.0, before)])
-                values = (f"{100 * one:.1f}" for one in (predicted, missed, before))
-                rows.append([story, CONFIGURATIONS[name].title, task, *values])
-    if not rows:
-        return ""
-    means = [f"{fmean(column):.1f}" for column in zip(*off, strict=True)]
-    head = ["story", "", "task", "misses predicted, %", "measured", "under Linux default"]
-    score = table(["points off on average, the prediction", "always 0 %", "as under Linux default"], [means])
-    return f"{table(head, rows)}\n{score}"
-
-
-def _hit(runs: Sequence[Run], task: str) -> float:
-    found = rates.whole(runs, task)
-    return found.mean if found else 1.0
 
 
 def speedups(evidence: Evidence) -> Iterator[tuple[str, str, Interval]]:

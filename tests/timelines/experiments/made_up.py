@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from timelines.experiments.accounting import Ended, Ending
@@ -55,3 +56,20 @@ def evidence(*records, frozen=None):
     for one in records:
         runs.setdefault((one.load, one.story, one.configuration), {})[one.block] = one
     return Evidence(dict.fromkeys({one.story for one in records}, SCHEDULE), runs, frozen or {})
+
+
+FROZEN = {"loads": {"light": [2, 0.8], "heavy": [1, 0.8]}, "solo": {"slam": 1.0}, "deadlines": {"slam": 0.1}}
+ACCURACY = {"slam": ["ATE", 0.02, "m", 90, False], "speech": ["commands heard", 75.0, "%", 4, True]}
+
+
+def some_runs():
+    for block in range(10):
+        yield a_run("linux", slam="i" * 3 + "d" * 7, block=block, accuracy=ACCURACY)
+        yield a_run("linux-gated", slam="i" * 3 + "dd" + "sssss", block=block, accuracy=ACCURACY)
+        yield a_run("weights-gated", slam="i" * 5 + "sssss", block=block, accuracy=ACCURACY)
+        yield a_run("static-gated", slam="ii" + "ddd" + "sssss", block=block, accuracy=ACCURACY)
+    yield a_run("alone")
+    for block in range(3):
+        for name, finished in (("linux", 30.0), ("limits-gated", 20.0)):
+            run = a_run(name, block=block, load="paper", story="exp1")
+            yield replace(run, about={**run.about, "finished": finished})

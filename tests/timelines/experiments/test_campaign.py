@@ -10,14 +10,14 @@ import pytest
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
-from timelines.experiments import campaign as module
 from timelines.experiments.blocks import HEAVY, trials
-from timelines.experiments.campaign import Campaign, Folders, Setting, Workbench
+from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen, write_schedule
 from timelines.experiments.prepare import Preparation
-from timelines.experiments.record import RecordError
+from timelines.experiments.record import RecordError, packed
+from timelines.experiments.workbench import Folders, Setting, Workbench
 
 CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
 
@@ -41,7 +41,7 @@ class Bench(Workbench):
         record = a_run(trial.configuration.name, block=trial.block)
         file = self._file(place, trial)
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(module.packed(record.as_json()))
+        file.write_bytes(packed(record.as_json()))
 
 
 class Lines:

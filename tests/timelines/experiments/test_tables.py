@@ -1,0 +1,86 @@
+"""The report's tables, of runs whose every figure is known."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.timelines.experiments.made_up import a_run, evidence, some_runs
+from timelines.experiments import detail_tables, tables
+from timelines.experiments.blocks import HEAVY
+from timelines.experiments.verdicts import verdicts
+
+SOME = evidence(*some_runs())
+
+
+def row(text, *begin):
+    """The cells of the row that begins with these."""
+    found = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines()]
+    return next(cells for cells in found if tuple(cells[: len(begin)]) == begin)
+
+
+def test_each_configuration_has_its_hit_rates_by_context():
+    text = tables.of_load(SOME, HEAVY)
+    assert row(text, "")[1:4] == ["blocks", "drive: slam", "talk: speech"]
+    assert row(text, "Linux default")[1:4] == ["10", "60.0", "100.0"]
+    assert row(text, "each task alone")[-3:] == ["-"] * 3
+
+
+def test_cpu_is_that_of_tasks_of_control_and_of_all_else():
+    """Sixty ms by both tasks, five by operator and router; eight seconds busy, one of them to slow the processors."""
+    assert row(tables.of_load(SOME, HEAVY), "Linux default")[-3:] == ["0.1 s", "0.0 s", "6.9 s"]
+
+
+def test_without_runs_of_a_load_there_is_no_table():
+    assert tables.of_load(evidence(a_run("linux", load="light")), HEAVY) == ""
+
+
+def test_wheel_commands_are_reported_from_camera_and_word():
+    text = tables.chains(SOME, HEAVY)
+    assert row(text, "Linux default") == ["Linux default", "60.0 %", "60 ms", "60 ms", "10 of 10", "800 ms"]
+
+
+def test_the_papers_measure_stands_beside_its_own_figure():
+    text = tables.papers(SOME)
+    assert row(text, "exp1") == ["exp1", "context limits, gated", "1.50 [1.50, 1.50]", "3"]
+    assert "up to 1.42" in text
+
+
+def test_goals_show_their_least_sure_case():
+    goal = "no critical or protected task loses more than 2 points of coverage"
+    cells = row(tables.goals(verdicts(SOME)), "heavy", goal)
+    assert cells[3:] == ["talk: speech: 1 against 1", "+0.02 [+0.02, +0.02]", "0.00684", "met"]
+
+
+def test_every_ending_has_its_part():
+    cells = row(detail_tables.endings(SOME, HEAVY), "slam", "context weights, gated")
+    assert cells[2:] == ["10", "50.0", "0.0", "0.0", "50.0", "0.0", "100.0"]
+
+
+def test_onsets_stand_beside_what_comes_after_them():
+    run = a_run("linux", slam="d" + "i" * 9)
+    assert row(detail_tables.onsets(evidence(run), HEAVY), "Linux default", "drive: slam")[2:] == ["0.0", "100.0"]
+
+
+def test_accuracy_is_a_mean_over_blocks():
+    cells = row(detail_tables.accuracies(SOME, HEAVY), "speech: commands heard", "Linux default")
+    assert cells[2:] == ["75 [75, 75] %", "10"]
+
+
+def test_the_players_own_lateness_is_reported():
+    cells = row(detail_tables.player(SOME, HEAVY), "Linux default")
+    assert cells[1:] == ["0.1 ms", "0.1 ms", "10 %"]
+
+
+def test_predictions_are_scored_against_simple_answers():
+    frozen = {"predicted": {"misses": {"delivery": {"weights-gated": {"slam": 0.1, "speech": 0.0}}}}}
+    text = detail_tables.predictions(evidence(*some_runs(), frozen=frozen))
+    assert row(text, "delivery", "context weights, gated", "slam")[3:] == ["10.0", "0.0", "40.0"]
+    assert row(text, "5.0") == ["5.0", "0.0", "20.0"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0, "0"), (0.00012, "0"), (1.426, "1.43"), (15.04, "15"), (12345.6, "12346"), (-0.5, "-0.5"), (100, "100")],
+)
+def test_figures_are_short(value, text):
+    assert tables.short(value) == text
