@@ -151,6 +151,7 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
     if predicted:
         yield "## Prediction, experimental: `contextpolicy simulate --profiles` before the runs, heavy load\n"
         yield predicted
+    yield detail_tables.doubts(evidence)
     yield "## Every case of every goal\n"
     for verdict in found:
         yield f"### {verdict.goal.name}, {verdict.goal.load} load\n"

@@ -26,6 +26,7 @@ ABOUT = {
     "busy": 8.0,
     "stolen": 1.0,
     "load": 0.1,
+    "drained": True,
     "capacity": [1, 0.4],
 }
 

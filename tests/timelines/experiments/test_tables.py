@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tests.timelines.experiments.made_up import a_run, evidence, some_runs
@@ -69,6 +71,13 @@ def test_accuracy_is_a_mean_over_blocks():
 def test_the_players_own_lateness_is_reported():
     cells = row(detail_tables.player(SOME, HEAVY), "Linux default")
     assert cells[1:] == ["0.1 ms", "0.1 ms", "10 %"]
+
+
+def test_a_run_that_was_given_up_is_named():
+    run = a_run("linux")
+    given_up = replace(run, about={**run.about, "drained": False})
+    assert detail_tables.doubts(evidence(given_up)).startswith("- delivery, heavy load, Linux default, block 1: inputs")
+    assert detail_tables.doubts(SOME) == ""
 
 
 def test_predictions_are_scored_against_simple_answers():
