@@ -99,8 +99,8 @@ def doubts(evidence: Evidence) -> str:
     """A line for each run that was given up while inputs waited. Empty without any."""
     runs = (one for blocks in evidence.runs.values() for one in blocks.values() if not one.about["drained"])
     return "".join(
-        f"- {one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}: inputs still"
-        " waited when it was given up; its total time is a lower bound.\n"
+        f"- {one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}: inputs"
+        " still waited when it was given up; its total time is a lower bound.\n"
         for one in runs
     )
 
