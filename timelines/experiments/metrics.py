@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from timelines.experiments.accounting import Ended, Tally, cpu_of_same, quantile, wanted
 from timelines.experiments.due import TENTHS
 from timelines.experiments.stories import CRITICAL, PROTECTED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from timelines.experiments.due import Schedule
     from timelines.experiments.record import Record
@@ -83,9 +83,7 @@ def contexts(schedule: Schedule) -> dict[str, str]:
 
 def critical_hits(pair: Pair) -> dict[str, Case]:
     """The part of the critical task's inputs that was done in time, in each context."""
-    return {
-        f"{context}: {task}": pair.both(_hit, task, context) for context, task in contexts(pair.schedule).items()
-    }
+    return {f"{context}: {task}": pair.both(_hit, task, context) for context, task in contexts(pair.schedule).items()}
 
 
 def hits(pair: Pair) -> dict[str, Case]:
@@ -135,13 +133,11 @@ def _covered(run: Run, task: str, context: str | None = None) -> float:
     return run.tally(task, context).coverage
 
 
-def _rate(judged: object) -> float:
-    match judged:
-        case [_, value, "m", _, _]:
-            return 1 - POINTS_PER_METRE * float(value)
-        case [_, value, _, _, _]:
-            return float(value) / 100
-    return 0.0
+def _rate(judged: Sequence[Any] | None) -> float:
+    if judged is None:
+        return 0.0
+    _, value, unit, *_ = judged
+    return 1 - POINTS_PER_METRE * float(value) if unit == "m" else float(value) / 100
 
 
 def _asked(pair: Pair) -> list[str]:

@@ -13,6 +13,10 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
+    Floats = Sequence[float] | NDArray[np.float64]
+
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
 MOST = 20
@@ -30,7 +34,7 @@ class Interval(NamedTuple):
     pairs: int
 
 
-def sign_flip(differences: Sequence[float]) -> float:
+def sign_flip(differences: Floats) -> float:
     """How likely a mean this large or larger is if each difference were as likely to have the other sign (one-sided).
 
     Fisher's exact test for paired data (The Design of Experiments, 1935, section 21): all 2^n sign patterns.
@@ -44,7 +48,7 @@ def sign_flip(differences: Sequence[float]) -> float:
     return float(np.mean(sums >= values.sum() - TIES))
 
 
-def bootstrap(differences: Sequence[float], seed: int = 1) -> Interval:
+def bootstrap(differences: Floats, seed: int = 1) -> Interval:
     """The mean, with the percentile interval of its bootstrap (Efron 1979): blocks are drawn with replacement."""
     values = np.asarray(differences, dtype=np.float64)
     mean = float(values.mean())

@@ -52,7 +52,10 @@ def predict(
     profiles, until = slowed_down(parse_profiles(measured), capacity.part), timeline.duration + TAIL
     found = {}
     for one in PREDICTED:
-        variant = parse(one.variant(dict(policy), "0"))
+        resource = one.variant(dict(policy), "0")
+        if resource is None:  # nothing is decided
+            continue
+        variant = parse(resource)
         plans = simulate(variant, timeline, robot=Robot({NODE: capacity.processors * 1000}), until=until).plans
         tasks = forecast(variant, timeline, plans, profiles, until=until).tasks
         found[one.name] = {name: round(own[ALL].misses, 4) for name, own in tasks.items() if ALL in own}

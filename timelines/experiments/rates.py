@@ -58,10 +58,12 @@ def used(runs: Sequence[Run], containers: Iterable[str]) -> float:
 
 def used_by_all_else(runs: Sequence[Run]) -> float:
     """CPU seconds of Kubernetes, of what plays and records, and of strangers; not of what slows the processors."""
-    known = [sum(_last(run, name) for name in (*run.schedule.inputs, *CONTROL)) for run in runs]
-    return median(
-        run.record.about["busy"] - run.record.about["stolen"] - own for run, own in zip(runs, known, strict=True)
-    )
+    return median(_else(run) for run in runs)
+
+
+def _else(run: Run) -> float:
+    known = sum(_last(run, name) for name in (*run.schedule.inputs, *CONTROL))
+    return float(run.record.about["busy"]) - float(run.record.about["stolen"]) - known
 
 
 def lateness(runs: Sequence[Run]) -> tuple[float, float]:
