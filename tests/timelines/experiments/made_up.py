@@ -35,12 +35,12 @@ def column(endings, response=0.05, cpu=0.02):
     """`endings` are letters: i(n time), l(ate), d(ropped), s(uspended), o(n the way lost)."""
     letters = {"d": Ending.DROPPED, "s": Ending.SUSPENDED, "o": Ending.LOST}
     took = {"i": response, "l": 5.0}
-    return Column.of(
-        [Ended(Ending.IN_TIME, took[one], cpu) if one in took else Ended(letters[one]) for one in endings]
-    )
+    return Column.of([Ended(Ending.IN_TIME, took[one], cpu) if one in took else Ended(letters[one]) for one in endings])
 
 
-def a_run(configuration, slam="i" * 10, speech="i" * 10, *, block=0, load="heavy", story="delivery", **more):
+def a_run(  # noqa: PLR0913 - what a run differs in, by keyword
+    configuration, slam="i" * 10, speech="i" * 10, *, block=0, load="heavy", story="delivery", **more
+):
     timing = {name: more.pop(name) for name in ("response", "cpu") if name in more}
     columns = {"slam": {"stereo": column(slam, **timing)}, "speech": {"audio": column(speech, **timing)}}
     late = {"robot/camera/stereo": [1] * 10}

@@ -63,7 +63,7 @@ def test_gating_is_a_factor_of_its_own():
     assert gated == {"drive": ["arm"], "talk": ["signs"], "read": ["arm"], "grip": ["slam"]}
     for configuration in (STATIC_GATED, WEIGHTS_GATED, LIMITS_GATED):
         assert suspensions(variant(configuration)) == gated
-    assert suspensions(variant(WEIGHTS)) == dict.fromkeys(gated, [])
+    assert suspensions(variant(WEIGHTS)) == {context: [] for context in gated}
     assert LINUX.variant(MISSION, "1200m") is None
     assert [one.relayed for one in (LINUX, LINUX_GATED, WEIGHTS_GATED)] == [False, True, False]
 
@@ -121,12 +121,13 @@ def test_modules_listen_to_the_gate_where_nothing_acts_and_adapt_where_they_shou
 
 
 def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
-    slam = next(one for one in autoscalers(MISSION, 2) if one["metadata"]["name"] == "slam")
-    assert slam["spec"]["updatePolicy"]["updateMode"] == "InPlaceOrRecreate"
-    own, others = slam["spec"]["resourcePolicy"]["containerPolicies"]
-    assert own["minAllowed"] == {"cpu": "100m"}
-    assert own["maxAllowed"] == {"cpu": "1050m"}
+    scalers = {one["metadata"]["name"]: one["spec"] for one in autoscalers(MISSION, 2)}
+    assert {one["updatePolicy"]["updateMode"] for one in scalers.values()} == {"InPlaceOrRecreate"}
+    own, others = scalers["imu"]["resourcePolicy"]["containerPolicies"]
+    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "200m"}, {"cpu": "300m"})
     assert others == {"containerName": "*", "mode": "Off"}
+    slam, _ = scalers["slam"]["resourcePolicy"]["containerPolicies"]  # has no `min` of its own
+    assert (slam["minAllowed"], slam["maxAllowed"]) == ({"cpu": "10m"}, {"cpu": "1050m"})
 
 
 @pytest.mark.parametrize(
