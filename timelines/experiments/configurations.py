@@ -146,6 +146,4 @@ ADAPTIVE: Sequence[Configuration] = (LINUX_ADAPTIVE, WEIGHTS_ADAPTIVE)
 FIRST_LAW: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS_GATED, LIMITS_GATED)
 """Under light load: the product as it is used, against plain Linux."""
 PAPERS: Sequence[Configuration] = (LINUX, WEIGHTS_GATED, LIMITS_GATED, RESIZED)
-CONFIGURATIONS: Mapping[str, Configuration] = {
-    one.name: one for one in (*FACTORS, *ADAPTIVE, VPA, REALTIME, ALONE)
-}
+CONFIGURATIONS: Mapping[str, Configuration] = {one.name: one for one in (*FACTORS, *ADAPTIVE, VPA, REALTIME, ALONE)}

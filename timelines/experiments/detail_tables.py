@@ -108,7 +108,6 @@ def doubts(evidence: Evidence) -> str:
 def cases(verdict: Verdict) -> str:
     """Each case of a goal: both values, by how much it is better than asked, and its own probability."""
     rows = [
-        [one.name, short(one.value), short(one.base), gain(one.gain), f"{one.probability:.3g}"]
-        for one in verdict.cases
+        [one.name, short(one.value), short(one.base), gain(one.gain), f"{one.probability:.3g}"] for one in verdict.cases
     ]
     return table(["", "value", "against", "better than asked by", "p"], rows)

@@ -107,7 +107,7 @@ class TimelineSource:
 class _Recording:
     """Plays, and records what follows."""
 
-    def __init__(  # noqa: PLR0913, PLR0917 - who takes part in it
+    def __init__(
         self,
         trial: Trial,
         conditions: Conditions,

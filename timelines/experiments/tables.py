@@ -125,4 +125,3 @@ def papers(evidence: Evidence) -> str:
     ]
     head = ["", "", f"times as fast as Linux default (the paper: up to {SPEEDUP})", "blocks"]
     return table(head, rows) if rows else ""
-
