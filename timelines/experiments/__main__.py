@@ -28,6 +28,7 @@ from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
 from timelines.experiments.prepare import Preparation, name, settings, tuned_weights
 from timelines.experiments.record import RecordError
 from timelines.experiments.report import write_report
+from timelines.experiments.slowed import SlowedError
 from timelines.experiments.stories import HELD_OUT, PAPER
 from timelines.experiments.workbench import Folders, Workbench
 
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         evidence = Evidence.read(data)
         if evidence.runs:
             Lines().say(f"report: {write_report(evidence, options.report or raw)}")
-    except (ContextPolicyError, DatasetError, deploy.DeployError, RecordError) as error:
+    except (ContextPolicyError, DatasetError, deploy.DeployError, RecordError, SlowedError) as error:
         console.print(f"[red]{error}[/]", highlight=False)
         return 1
     return 0
@@ -109,13 +110,20 @@ class Lines:
         console.print(line, highlight=False, markup=False)
 
 
+def _story(text: str) -> str:
+    """One of those that are reported; argparse's own `choices` would refuse that none is given."""
+    if text not in REPORTED:
+        raise argparse.ArgumentTypeError(f"{text!r} is none of {', '.join(REPORTED)}")
+    return text
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m timelines.experiments",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("stories", nargs="*", choices=REPORTED, metavar="STORY", help=", ".join(REPORTED))
+    parser.add_argument("stories", nargs="*", type=_story, metavar="STORY", help=", ".join(REPORTED))
     parser.add_argument("--blocks", type=int, metavar="N", help="at most so many blocks of each part")
     parser.add_argument("--loads", nargs="+", default=(), choices=list(LOADS), metavar="LOAD", help=", ".join(LOADS))
     parser.add_argument(

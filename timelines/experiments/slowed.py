@@ -23,13 +23,22 @@ HEADROOM = 0.9
 """The kernel stops realtime threads that take more than 95 % of each second."""
 
 
+class SlowedError(Exception):
+    """The processors were not slowed all the time."""
+
+
 @contextmanager
 def slowed(part: float, processors: Collection[int]) -> Iterator[None]:
-    """Leave this part of each of these processors to all else; with all of it nothing is started."""
+    """Leave this part of each of these processors to all else; with all of it nothing is started.
+
+    SlowedError in the end if what slows them has ended before.
+    """
     # Programs of their own, which import nothing of this project: what they took to start would be missing from a run.
     thieves = [subprocess.Popen([sys.executable, __file__, str(cpu), str(1 - part)]) for cpu in processors if part < 1]
     try:
         yield
+        if any(thief.poll() is not None for thief in thieves):
+            raise SlowedError("what slows the processors has ended: it needs the right to a realtime priority")
     finally:
         for thief in thieves:
             thief.kill()

@@ -1,0 +1,44 @@
+"""Processors are slowed all the time, or a run does not count."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from timelines.experiments import slowed as slowed_module
+from timelines.experiments.slowed import SlowedError, slowed
+
+
+def thief(monkeypatch, tmp_path, program):
+    path = tmp_path / "thief.py"
+    path.write_text(program, encoding="utf-8")
+    monkeypatch.setattr(slowed_module, "__file__", str(path))
+
+
+def slow_down_again_and_again(seconds):
+    """It is found out in the end only, and a program takes a while to end."""
+    ends = time.monotonic() + seconds
+    while time.monotonic() < ends:
+        with slowed(0.5, {0}):
+            time.sleep(0.2)
+
+
+def test_a_thief_that_has_ended_is_an_error(monkeypatch, tmp_path):
+    thief(monkeypatch, tmp_path, "raise SystemExit(1)")
+    with pytest.raises(SlowedError, match="realtime priority"):
+        slow_down_again_and_again(20)
+
+
+def test_thieves_end_with_what_they_slow(monkeypatch, tmp_path):
+    thief(monkeypatch, tmp_path, "import time; time.sleep(60)")
+    began = time.monotonic()
+    with slowed(0.5, {0, 1}):
+        pass
+    assert time.monotonic() - began < 30
+
+
+def test_whole_processors_need_none(monkeypatch, tmp_path):
+    thief(monkeypatch, tmp_path, "raise SystemExit(1)")
+    with slowed(1.0, {0}):
+        time.sleep(0.1)
