@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from timelines.demo import deploy
 from timelines.experiments.blocks import seconds_left
 from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
-from timelines.experiments.record import block
+from timelines.experiments.record import block, records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -40,8 +40,11 @@ class Campaign:
         self._bench, self._settings, self._tuned, self._progress = bench, settings, tuned, progress
 
     def run(self, trials: Sequence[Trial], *, until: Callable[[float], bool], commit: bool) -> int:
-        """Do what is missing while `until` says that so many seconds are left; returns how many runs are left."""
-        missing = [trial for trial in trials if not self._bench.has(trial.group, trial)]
+        """Do what is missing while `until` says that so many seconds are left; returns how many runs are left.
+
+        A run that a block's file has is not repeated where its recording is gone, as after a new checkout.
+        """
+        missing = [trial for trial in trials if not self._has(trial)]
         for number, trial in enumerate(missing):
             if not until(seconds_left(self._bench.took, [trial])):
                 return len(missing) - number
@@ -54,6 +57,15 @@ class Campaign:
                 self._keep(group, trials, commit=commit)
         return 0
 
+    def _has(self, trial: Trial) -> bool:
+        return self._bench.has(trial.group, trial) or _cell(trial) in self._kept(trial.group)
+
+    def _kept(self, group: str) -> Mapping[tuple[str, str], Record]:
+        """What a block's file has, by story and configuration."""
+        path = self._path(group)
+        found = records(path.read_bytes()) if path.exists() else []
+        return {(one.story, one.configuration): one for one in found}
+
     def _record(self, trial: Trial) -> Record:
         setting, weights = self._settings[trial.load], self._tuned[trial.configuration.gated]
         return self._bench.record(trial.group, trial, setting, weights)
@@ -61,19 +73,25 @@ class Campaign:
     def _keep(self, group: str, trials: Sequence[Trial], *, commit: bool) -> None:
         """Write a block's file once all of its runs are done, and what was due in them, which may not change."""
         own = [trial for trial in trials if trial.group == group]
-        if not all(self._bench.has(group, trial) for trial in own):
+        if not all(self._has(trial) for trial in own):
             return
+        done = [trial for trial in own if self._bench.has(group, trial)]
+        found = {**self._kept(group), **{_cell(trial): self._record(trial) for trial in done}}
         path = self._path(group)
         path.parent.mkdir(parents=True, exist_ok=True)
         for story in {trial.story.name: trial.story for trial in own}.values():
             due = self._bench.schedule(story, self._settings[own[0].load].deadlines)
             write_schedule(self._bench.folders.data, story.name, due)
-        path.write_bytes(block(self._record(trial) for trial in own))
+        path.write_bytes(block(found.values()))
         if commit:
             _commit(self._bench.folders.data, f"Keep block {group} of the experiments")
 
     def _path(self, group: str) -> Path:
         return self._bench.folders.data / BLOCKS / f"{group}{ENDING}"
+
+
+def _cell(trial: Trial) -> tuple[str, str]:
+    return trial.story.name, trial.configuration.name
 
 
 def _commit(data: Path, message: str) -> None:

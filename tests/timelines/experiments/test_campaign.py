@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -54,10 +55,10 @@ class Lines:
         self.said.append(line)
 
 
-def run(bench, *, until=lambda _: True):
+def run(bench, *, until=lambda _: True, chosen=CHOSEN):
     lines = Lines()
     made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {False: {"slam": 2}, True: {"slam": 3}}, lines)
-    return made.run(CHOSEN, until=until, commit=False), lines.said
+    return made.run(chosen, until=until, commit=False), lines.said
 
 
 def test_a_block_is_kept_once_all_of_its_runs_are_done(tmp_path):
@@ -107,6 +108,26 @@ def test_a_block_whose_file_was_lost_is_written_again(tmp_path):
     assert first.exists()
 
 
+def test_a_run_that_is_kept_is_not_repeated_where_its_recording_is_gone(tmp_path):
+    run(Bench(tmp_path))
+    before = {path: path.read_bytes() for path in (tmp_path / "data" / "blocks").iterdir()}
+    shutil.rmtree(tmp_path / "raw")
+    again = Bench(tmp_path)
+    assert run(again) == (0, [])
+    assert again.done == []
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_configuration_that_comes_later_joins_its_block(tmp_path):
+    bench = Bench(tmp_path)
+    run(bench, chosen=[trial for trial in CHOSEN if trial.configuration is LINUX])
+    shutil.rmtree(tmp_path / "raw")
+    run(bench)
+    assert [name for name, *_ in bench.done[2:]] == ["delivery-weights"] * 2
+    found = Evidence.read(tmp_path / "data")
+    assert {name: sorted(blocks) for (_, _, name), blocks in found.runs.items()} == {"linux": [0, 1], "weights": [0, 1]}
+
+
 def test_what_is_due_may_not_change_between_runs(tmp_path):
     write_schedule(tmp_path, "delivery", SCHEDULE)
     write_schedule(tmp_path, "delivery", SCHEDULE)
@@ -152,8 +173,14 @@ def test_loads_and_weights_are_found_out_once(tmp_path):
     assert len(preparation.asked) == 4
 
 
+def test_without_a_choice_everything_is_reported(tmp_path):
+    assert command.main(["--report-only", "--data", str(tmp_path)]) == 0
+
+
 def test_an_unknown_story_or_configuration_is_refused(capsys):
     for arguments in (["magic"], ["--only", "magic"]):
         with pytest.raises(SystemExit):
             command.main(arguments)
-    assert "linux-gated" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert "'magic' is none of delivery, inspection" in refused
+    assert "linux-gated" in refused
