@@ -37,7 +37,7 @@ class Sent(NamedTuple):
 
 
 class Pilot:
-    """What to order next. Pure."""
+    """What to order next; nothing before there is a mission, since somebody else drives then. Pure."""
 
     def __init__(self) -> None:
         self._does, self._forward, self._stopped = "", 0.0, False
@@ -47,7 +47,7 @@ class Pilot:
         if key == mission.KEY:
             return self._begin(value)
         if key == KEYWORD:
-            if value.get("keyword") != "stop":
+            if not self._does or value.get("keyword") != "stop":
                 return None
             self._stopped = True
             return STOP, round(float(value["at"]) * 1e9)

@@ -102,6 +102,12 @@ def test_while_the_mission_drives_each_pose_is_an_order():
     assert pilot.hear(POSE, {"stamp": 2}) == ({"drive": {"forward": 0.3, "turn": 0.0}}, 2)
 
 
+def test_without_a_mission_nothing_is_ordered():
+    pilot = Pilot()
+    assert pilot.hear(KEYWORD, {"keyword": "stop", "at": 1.5}) is None
+    assert pilot.hear(POSE, {"stamp": 1}) is None
+
+
 def test_a_stop_holds_until_the_mission_goes_on():
     pilot = Pilot()
     pilot.hear(mission.KEY, drives())
