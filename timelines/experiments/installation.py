@@ -131,9 +131,16 @@ def session(configuration: Configuration, role: str) -> AbstractContextManager[z
 
 
 def cgroups() -> dict[str, Cgroup]:
-    """The containers of the tasks, and of operator and router, by name; without a policy no plan names them."""
+    """The containers of the tasks, and of operator and router, by name; without a policy no plan names them.
+
+    DeployError where a task has none: it would be neither counted nor kept on its processors.
+    """
     found = {name: cgroup.find(identity) for name, identity in {**_control(), **deploy.containers()}.items()}
-    return {name: own for name, own in found.items() if own is not None and name in (*deploy.TASKS, *CONTROL)}
+    kept = {name: own for name, own in found.items() if own is not None and name in (*deploy.TASKS, *CONTROL)}
+    missing = [task for task in deploy.TASKS if task not in kept]
+    if missing:
+        raise deploy.DeployError(f"no cgroup of a running container was found for {', '.join(missing)}")
+    return kept
 
 
 def _control() -> dict[str, str]:

@@ -172,7 +172,13 @@ def _heard(profiles: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:
-    return [json.loads(reply.ok.payload.to_bytes()) for reply in session.get(PROFILE, timeout=10.0) if reply.ok]
+    """What each task says of its inputs; DeployError if one does not answer, since what it dropped is unknown then."""
+    replies = session.get(PROFILE, timeout=10.0)
+    found = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
+    silent = sorted({*deploy.TASKS} - {one["task"] for one in found})
+    if silent:
+        raise deploy.DeployError(f"no profile came from {', '.join(silent)}")
+    return found
 
 
 def _machine() -> dict[str, Any]:
