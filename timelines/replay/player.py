@@ -140,8 +140,8 @@ def play(
 
 def publish(inputs: Inputs, session: zenoh.Session, *, stop: threading.Event, options: Options = Options()) -> Report:
     """Publish until the inputs end or `stop` is set."""
-    report = Report(inputs.name, started=time.time())
     publishers = _publishers(inputs.encodings, session)
+    report = Report(inputs.name, started=time.time())
     start, length = time.monotonic(), _length(inputs, options)
     while True:
         for at, key, payload in _window(inputs, options):
