@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 REST = 0.2
-"""Seconds between two reports of changes: each makes all policies' claims anew."""
+"""Seconds between two reports of changes: each makes all policies claim again."""
 MOST_LINES = 10
 """Changes that are logged of those reported at once."""
 MOST_REASONS = 3

@@ -128,7 +128,7 @@ def open_fleet_router(endpoints: Sequence[str], credentials: Path) -> zenoh.Sess
 def _router(endpoints: Sequence[str]) -> dict[str, object]:
     """No router waits for a slow reader: one that is suspended or hangs would hold up everybody else's messages.
 
-    A sender may ask to block when congested, as ROS nodes do, and whoever queries does so by default. A router that
+    A sender may ask to block when congested, as ROS nodes do, and every query does so by default. A router that
     honours it waits up to 5 s for the one that does not read, routes nothing meanwhile, and was seen to wait for ever.
     Replies go out as their query came in. There are no `key_exprs` here: `**` leaves out keys with an @, such as those
     of latched topics.
