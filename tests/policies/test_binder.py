@@ -147,6 +147,31 @@ def test_agents_leave_what_another_writer_insists_on(running):
     assert running.limits() == {"slam": 300, "speech": 200}
 
 
+def test_agents_hear_at_once_what_another_writer_insists_on(running):
+    """No sample arrives meanwhile: the plan stays the same."""
+    running.session.agent(NODE, b'{"missing": {"CFS": [], "Realtime": []}}')
+    running.settle()
+    before = running.session.plans()[-1]
+    for _ in range(STRIKES + 1):
+        running.cluster.edit("uid-slam", "slam", cpu="300m")
+        running.settle()
+        running.turn(CONFLICTING.longest + 1)
+        running.settle()
+    now = running.session.plans()[-1]
+    assert [target["quota"] for target in now["targets"] if target["task"] == "slam"] == [0.3]
+    assert now["sequence"] == before["sequence"]
+
+
+def test_agents_hear_at_once_of_a_pods_own_limit(running):
+    before = running.session.plans()[-1]
+    running.cluster.pods["uid-slam"]["spec"]["resources"] = {"limits": {"cpu": "600m"}}
+    running.cluster._commit("uid-slam")
+    running.settle()
+    now = running.session.plans()[-1]
+    assert [target["podLimit"] for target in now["targets"] if target["task"] == "slam"] == [0.6]
+    assert (now["sequence"], now["edition"]) == (before["sequence"], before["edition"] + 1)
+
+
 def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeypatch):
     placements = []
 

@@ -187,7 +187,7 @@ class Binder:
             container_id(pod, c.name): cpu.request or 0 for c in pod.containers if (cpu := original(pod.uid, c.name))
         }
         weighs = granted(pod, before)
-        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds, demand(pod, original), weighs
+        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, pod.limit, bounds, demand(pod, original), weighs
 
 
 def _containers(runner: PolicyRunner, own: Claim) -> frozenset[str]:

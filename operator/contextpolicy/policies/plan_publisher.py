@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
     from contextpolicy.policies.services import Services
 
+_ACTED_ON = ("node", "containerId", "weight", "quota", "held", "original", "podLimit")
+
 
 class PlanPublisher:
     """Closed until it is opened; then it is on the bus under the policy's name, which one publisher at a time may be.
@@ -39,7 +41,7 @@ class PlanPublisher:
         self.sequence = 0
         """That of the plan that was published last."""
         self._edition = 0
-        self._whereabouts: list[tuple[str, str, float | None]] | None = None
+        self._instructed: list[tuple[Any, ...]] | None = None
 
     def open(self, answers: Answers) -> None:
         """Go on the bus. An earlier, enforced version may have left a plan in force with the agents."""
@@ -77,10 +79,10 @@ class PlanPublisher:
     def publish_moves(self) -> None:
         """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups.
 
-        Also if pods of others came or went, so that the same shares weigh less or more.
+        Also if the same shares mean something else: pods of others came or went, or another writer of limits has won.
         """
         content = self.message()
-        if content is not None and _whereabouts(content) != self._whereabouts:
+        if content is not None and _instructions(content) != self._instructed:
             self.publish_again()
 
     def publish_to(self, node: str) -> None:
@@ -117,7 +119,7 @@ class PlanPublisher:
         if self._bus is None or content is None:
             return
         payload = self._bus.publish({**content, "trigger": trigger})
-        self._whereabouts, self.sequence = _whereabouts(content), content["sequence"]
+        self._instructed, self.sequence = _instructions(content), content["sequence"]
         if payload is None:
             return
         self._services.recorder.take_plan(self._policy.reference, PlanRecord(time.monotonic(), payload))
@@ -138,5 +140,6 @@ class PlanPublisher:
         return planning_time - self._services.clock.ahead
 
 
-def _whereabouts(content: Mapping[str, Any]) -> list[tuple[str, str, float | None]]:
-    return [(target["node"], target["containerId"], target["weight"]) for target in content["targets"]]
+def _instructions(content: Mapping[str, Any]) -> list[tuple[Any, ...]]:
+    """What agents write, and where; `limit` and `request` follow each resize, and are only what the kubelet has."""
+    return [tuple(target[field] for field in _ACTED_ON) for target in content["targets"]]
