@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.agent.builders import POLICY, SPEECH
+from tests.agent.builders import CHAT, POLICY, SPEECH, a_message, a_target
 
 if TYPE_CHECKING:
     from contextpolicy.cluster.agent_reports import Confirmation
@@ -65,6 +65,17 @@ def test_lost_reports_undo_nothing(node):
         node.agent.on_other_write(path, -inf)
     node.agent.hear(POLICY, None)
     assert node.everything() == before
+
+
+def test_a_plan_published_again_for_one_container_keeps_what_others_wrote_on_another(node):
+    """As when slam has restarted: no new plan, so speech's owner keeps its value."""
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    node.kubelet(node.speech, 300)
+    restarted = node.tree.container(CHAT)
+    targets = a_target(CHAT, weight=1.5, quota=0.2), a_target(SPEECH, task="speech", weight=0, quota=0.01)
+    node.agent.hear(POLICY, a_message(*targets, edition=1, suspended=("speech",)))
+    assert (node.tree.limit(restarted), node.tree.limit(node.speech)) == (200, 300)
 
 
 def test_a_quota_that_fails_later_is_reported(node, monkeypatch):
