@@ -29,6 +29,8 @@ HOG = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"memory": "64Mi"
 GUARANTEED = {kind: {"cpu": "200m", "memory": "64Mi"} for kind in ("requests", "limits")}
 NODE, BESIDE = 2000, 210
 """The node, and what the pods of `hogs` request of it: so the weights of the tasks add up to the rest."""
+RELEASE = 260
+"""What the pods of the release request in a namespace that the operator does not watch: operator, router and agent."""
 PARTS = {"slam": 0.9, "speech": 0.1}
 ALL_PODS = Path("/sys/fs/cgroup/cpuacct/kubepods/cpuacct.usage")
 SYSTEM = 1024
@@ -191,17 +193,35 @@ def test_a_deleted_policy_leaves_every_weight_as_the_api_says(tasks):
     until("all weights are back", lambda: (now := [weight(folder) for folder in folders]) == before or now)
 
 
-@pytest.mark.xfail(reason="with the right weights the kernel gave one busy thread a third of its part", strict=False)
-@pytest.mark.usefixtures("hogs")
-def test_pods_without_a_policy_receive_what_they_request(tasks):
-    """Under full contention, and although the policy's protected tasks would each weigh a core."""
+@pytest.fixture
+def protected(tasks):
+    """Both tasks would each weigh a core; what all other pods request is reserved, as the operator sees only some."""
     own = [task(name, protected=True) for name in ("slam", "speech")]
-    tasks.policy(reserve="0", enforcement={"control": "Weight"}, tasks=own)
-    weighted(tasks, (NODE - BESIDE) / 2)
-    whole = int(ALL_PODS.read_text())
-    cores = usage(tasks, "guaranteed", seconds=WINDOW)
-    total = (int(ALL_PODS.read_text()) - whole) / 1e9 / WINDOW
-    assert cores["guaranteed"] / total >= ENOUGH * 200 / NODE, "of what all pods get"
+    reserve = BESIDE + RELEASE
+    tasks.policy(reserve=f"{reserve}m", enforcement={"control": "Weight"}, tasks=own)
+    weighted(tasks, (NODE - reserve) / 2)
+    return tasks
+
+
+def part_of_all(pod):
+    """Of what all pods get, by the kernel's weights: a Guaranteed pod competes with the other classes."""
+    return weight(pod) / sum(weight(other.parent) for other in pod.parent.glob(f"*/{FILES[1]}"))
+
+
+@pytest.mark.usefixtures("hogs")
+def test_pods_without_a_policy_keep_their_part_of_the_weights(protected):
+    assert part_of_all(group(protected, "guaranteed").parent) >= 0.99 * 200 / NODE, "weights are whole numbers"
+
+
+@pytest.mark.xfail(reason="Linux 6.18 gave one busy thread a third of its part (see the threat model)", strict=False)
+@pytest.mark.usefixtures("hogs")
+def test_pods_without_a_policy_receive_their_part(protected):
+    """Under full contention."""
+    due = part_of_all(group(protected, "guaranteed").parent)
+    whole, began = int(ALL_PODS.read_text()), time.monotonic()
+    cores = usage(protected, "guaranteed", seconds=WINDOW)
+    total = (int(ALL_PODS.read_text()) - whole) / 1e9 / (time.monotonic() - began)
+    assert cores["guaranteed"] / total >= ENOUGH * due, f"{cores['guaranteed']} cores of {total}, {due:.3f} is due"
 
 
 def test_requests_are_unchanged(tasks):
