@@ -141,6 +141,44 @@ def test_an_abbreviated_option_is_refused(words):
     assert end.value.code == 2
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["stattus"], "contextpolicy: error: unknown command 'stattus'; did you mean status? See contextpolicy --help"),
+        (["nonsense"], "contextpolicy: error: unknown command 'nonsense'. See contextpolicy --help"),
+        (["status", "--namespac", "robot"], "unrecognized arguments: --namespac; did you mean --namespace?"),
+        (["validate", POLICY, "--out=json"], "unrecognized arguments: --out=json; did you mean --output?"),
+        (
+            ["validate", POLICY, "-o", "jsn"],
+            "invalid choice: 'jsn', expected one of table, json, yaml; did you mean json?",
+        ),
+    ],
+    ids=lambda part: " ".join(part) if isinstance(part, list) else "",
+)
+def test_wrong_usage_names_what_may_be_meant_and_fits_the_terminal(words, said, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    with pytest.raises(SystemExit) as end:
+        cli.main(words)
+    usage = capsys.readouterr().err
+    assert end.value.code == 2
+    assert said in " ".join(usage.split())
+    assert [line for line in usage.splitlines() if len(line) > 40 and " " in line.strip()] == []
+
+
+def test_wrong_options_show_the_usage_of_their_own_command(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["validate", "--nonsense", POLICY])
+    assert capsys.readouterr().err.startswith("usage: contextpolicy validate ")
+
+
+def test_a_wrong_usage_is_one_line_in_a_log(capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    with pytest.raises(SystemExit):
+        cli.main(["status", "--nonsense", "a" * 90, "b" * 90])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == f"contextpolicy status: error: unrecognized arguments: --nonsense {'b' * 90}"
+
+
 @pytest.mark.parametrize("columns", [40, 60, 80, 120])
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_fits_the_terminal(command, columns, capsys, monkeypatch):

@@ -6,10 +6,13 @@ import argparse
 import re
 import sys
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from contextpolicy.commands.exit_codes import FAILED
+from contextpolicy.commands.terminal import columns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
 _TERM = re.compile(r"  \S+ {2,}\S")
 """The first line of a definition: a term and its text, in two columns."""
@@ -28,9 +31,41 @@ class CommandParser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**{"allow_abbrev": False, "formatter_class": HelpFormatter, **settings})
 
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Argparse leaves unknown words to the parser of all commands, whose usage helps nobody."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            options = (word.partition("=")[0] for word in unknown if word.startswith("-"))
+            meant = next(filter(None, (_meant(one, self._option_string_actions) for one in options)), "")
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{meant}")
+        return found, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """Usage and message, as wide as the terminal, and exit code 2."""
+        text, width = f"{self.prog}: error: {message}", columns(sys.stderr)
+        lines = textwrap.wrap(text, width, **_WORDS) if width else [text]
+        self.print_usage(sys.stderr)
+        self.exit(FAILED, "\n".join([*lines, ""]))
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is None or value in action.choices:
+            return
+        meant = _meant(value, map(str, action.choices))
+        if action.nargs == argparse.PARSER:
+            self.error(f"unknown command {value!r}{meant or '.'} See {self.prog} --help")
+        listed = ", ".join(map(str, action.choices))
+        raise argparse.ArgumentError(action, f"invalid choice: {value!r}, expected one of {listed}{meant}")
+
     def _print_message(self, message: str, file: Any = None) -> None:
         """Argparse ignores that help can't be written."""
         (file or sys.stderr).write(message)
+
+
+def _meant(word: object, known: Iterable[str]) -> str:
+    """Loaded when a word is wrong: what runs for good needs no suggestions."""
+    from contextpolicy.policy.suggestions import did_you_mean
+
+    return did_you_mean(word, known)
 
 
 class HelpFormatter(argparse.HelpFormatter):

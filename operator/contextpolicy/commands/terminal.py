@@ -7,7 +7,7 @@ import shutil
 import sys
 from contextlib import contextmanager
 from threading import Timer
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -16,9 +16,9 @@ SOON = 2.0
 """Seconds after which people begin to wonder."""
 
 
-def columns() -> int | None:
-    """How wide standard output is; None where it is no terminal and COLUMNS does not say it either."""
-    if os.environ.get("COLUMNS", "").isdigit() or sys.stdout.isatty():
+def columns(stream: TextIO | None = None) -> int | None:
+    """How wide a stream (default: standard output) is; None where neither a terminal nor COLUMNS says it."""
+    if os.environ.get("COLUMNS", "").isdigit() or (stream or sys.stdout).isatty():
         return shutil.get_terminal_size().columns
     return None
 
