@@ -134,8 +134,9 @@ def test_other_methods_are_rejected(get, method):
         (b"GET /api/boards HTTP/9.1", 505),
         (b"GET /api/boards HTTP/x", 400),
         (b"G E T /", 400),
+        (b"GET http://[x HTTP/1.1\r\nHost: localhost", 400),
     ],
-    ids=["version", "no version", "words"],
+    ids=["version", "no version", "words", "no address"],
 )
 def test_malformed_request_gets_a_one_line_answer(server, request_line, status):
     with socket.create_connection(("127.0.0.1", server.server_port), PATIENCE) as client:
@@ -165,6 +166,15 @@ def test_dns_rebinding_is_rejected(get, host, status):
 def test_an_operator_that_hangs_is_reported(get, watched):
     watched.hangs = True
     assert get("/api/boards")[0] == 504
+
+
+def test_an_operator_that_fails_is_reported_as_such(get, watched, caplog):
+    """Without an answer the page would say that no operator runs."""
+    watched.boards = lambda: {}["lab/robot"]
+    status, body, headers = get("/api/boards")
+    assert (status, headers["Content-Type"]) == (500, "text/plain")
+    assert body == "the operator failed: its log says why\n"
+    assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [KeyError]
 
 
 def test_head_returns_the_same_headers_without_a_body(get):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import logging
 import math
 import socket
 import threading
@@ -19,6 +20,8 @@ from contextpolicy.bus.listening import loopback
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+
+log = logging.getLogger(__name__)
 
 HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 """Names under which a browser may ask. A foreign page could resolve its own name to this loopback and read
@@ -79,7 +82,11 @@ class _Handler(HttpHandler):
         if _host(self.headers.get("Host", "")) not in HOSTS:
             self._send(HTTPStatus.FORBIDDEN, "text/plain", b"the Host header names another machine\n")
             return
-        url = urlsplit(self.path)
+        try:
+            url = urlsplit(self.path)
+        except ValueError:
+            self._send(HTTPStatus.BAD_REQUEST, "text/plain", b"expected a path of this server\n")
+            return
         if url.path in ASSETS:
             name, kind = ASSETS[url.path]
             if "gzip" in self.headers.get("Accept-Encoding", ""):
@@ -113,6 +120,9 @@ class _Handler(HttpHandler):
             self._send(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
         except TimeoutError:
             self._send(HTTPStatus.GATEWAY_TIMEOUT, "text/plain", b"the operator does not answer\n")
+        except Exception:
+            log.exception("a question of the live page failed: %s", self.path)
+            self._send(HTTPStatus.INTERNAL_SERVER_ERROR, "text/plain", b"the operator failed: its log says why\n")
         else:
             status = HTTPStatus.NOT_FOUND if answer is None else HTTPStatus.OK
             self._send(status, "application/json", json.dumps(answer).encode())
