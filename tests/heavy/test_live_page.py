@@ -303,6 +303,16 @@ def test_recreated_policy_shows_no_earlier_history(desk, watched):
     assert (text(desk, "state"), desk.errors) == ("live", [])
 
 
+def test_a_clock_that_is_set_back_ends_the_look_back_in_time(desk, watched):
+    """The moment that was shown has not come yet by the new clock."""
+    slide(desk, 700)
+    watched.alter_boards = lambda boards: [{**board, "now": board["now"] - 3600} for board in boards]
+    watched.alter_plans = lambda plans: [{**plan, "published": plan["published"] - 3600} for plan in plans]
+    desk.wait_for("document.getElementById('state').textContent == 'live'")
+    assert (text(desk, "moment"), desk.errors) == ("now", [])
+    assert "time=" not in desk.value("location.hash")
+
+
 @pytest.mark.parametrize("name", ["constructor", "__proto__", "toString"])
 def test_javascript_property_name_is_not_a_task(browser, page, name):
     browser.errors.clear()

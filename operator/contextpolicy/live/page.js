@@ -42,33 +42,38 @@ async function refresh() {
     const boards = await ask("api/boards");
     if (!view.policy && boards.length) view.policy = boards[0].policy;
     await take(boards, asked);
+    if (overtaken(asked)) return;
     view.heard = asked;
     view.problem = "";
   } catch (error) {
+    if (overtaken(asked)) return;
     view.problem = error.message; // the operator restarts, or the port-forward ended: what was heard stays, in grey
   }
   draw();
 }
+
+// Two questions may be under way, and the later one answered first: then the other's answer is old.
+const overtaken = (asked) => view.heard !== null && asked[0] < view.heard[0];
 
 async function take(boards, asked) {
   const { policy } = view, board = boards.find((one) => one.policy === policy);
   if (board) {
     const last = view.plans.at(-1), end = board.plan ? null : last?.until; // a paused policy's last plan has ended once
     const news = await ask(`api/plans?policy=${encodeURIComponent(policy)}&since=${end ?? last?.published ?? 0}`);
-    if (policy !== view.policy) return;
+    if (policy !== view.policy || overtaken(asked)) return;
     keep(board, news, asked);
   }
-  view.boards = boards;
+  if (!overtaken(asked)) view.boards = boards;
 }
 
 const same = (a, b) => a.run === b.run && a.sequence === b.sequence && a.edition === b.edition;
 
 function keep(board, news, asked) {
   const { moment } = view;
-  if (view.board && board.uid !== view.board.uid) { // made again under its name: the past is another policy's
+  const again = view.board && board.uid !== view.board.uid; // made again under its name: the past is another policy's
+  if (again || view.board && board.now < view.board.now - 1) { // or the operator's clock was set: moments mean others now
     Object.assign(view, { plans: [], seen: [], moment: null, end: null });
-  } else if (view.board && board.now < view.board.now - 1) Object.assign(view, { plans: [], seen: [] }); // its clock was set
-  else for (const one of news) { // two questions may be under way, and a plan that is known may have ended
+  } else for (const one of news) { // two questions may be under way, and a plan that is known may have ended
     const known = view.plans.find((plan) => same(plan, one));
     if (known) known.until = one.until;
     else view.plans.push(one);
