@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -18,6 +20,10 @@ def test_three_differences_have_eight_sign_patterns():
 def test_ties_count_as_at_least_as_large():
     assert sign_flip([0.0, 0.0]) == 1
     assert sign_flip([0.1, 0.2, 0.3]) == 1 / 8  # 0.1 + 0.2 + 0.3 is not quite 0.6
+
+
+def test_a_difference_that_does_not_exist_shows_nothing():
+    assert sign_flip([math.nan] + [0.5] * 9) == 1
 
 
 def test_ten_blocks_that_agree_are_enough_for_ten_goals():
