@@ -40,14 +40,16 @@ def up(*, agent: bool) -> Iterator[str]:
     install_robot(VALUES, closed=agent)
 
 
-def install_operator(*settings: str) -> None:
-    """Install the operator with its router; with the node agent, on a closed bus, if a setting says so."""
+def install_operator(*settings: str, closed: bool = False) -> None:
+    """Install the operator with its router; the bus is open unless `closed`, or with the node agent."""
     agent = "agent.enabled=true" in settings
-    if not agent:
-        settings += ("security.enabled=false",)
-    else:
+    if agent or closed:
         run("kubectl", "create", "namespace", ROBOT, quiet=True)
-        settings += (f"security.namespaces={{{ROBOT}}}", f"agent.podLogs={_pod_logs()}")
+        settings += (f"security.namespaces={{{ROBOT}}}",)
+    else:
+        settings += ("security.enabled=false",)
+    if agent:
+        settings += (f"agent.podLogs={_pod_logs()}",)
     chart = str(REPOSITORY / "charts" / "contextpolicy")
     usual = ("image.repository=contextpolicy", "image.tag=dev", f"router.service.clusterIP={free_address()}")
     run(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from timelines.demo import deploy
 from timelines.experiments.blocks import seconds_left
 from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
-from timelines.experiments.record import block, records
+from timelines.experiments.record import block, records, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -82,9 +82,10 @@ class Campaign:
         for story in {trial.story.name: trial.story for trial in own}.values():
             due = self._bench.schedule(story, self._settings[own[0].load].deadlines)
             write_schedule(self._bench.folders.data, story.name, due)
-        path.write_bytes(block(found.values()))
-        if commit:
-            _commit(self._bench.folders.data, f"Keep block {group} of the experiments")
+        write_whole(path, block(found.values()))
+        failed = _commit(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
+        if failed:  # the block is kept, and the next commit has it
+            self._progress.say(failed)
 
     def _path(self, group: str) -> Path:
         return self._bench.folders.data / BLOCKS / f"{group}{ENDING}"
@@ -94,10 +95,11 @@ def _cell(trial: Trial) -> tuple[str, str]:
     return trial.story.name, trial.configuration.name
 
 
-def _commit(data: Path, message: str) -> None:
-    """Commit what is kept, and nothing else that may have been changed."""
+def _commit(data: Path, message: str) -> str:
+    """Commit what is kept, and nothing else that may have been changed; returns what git refuses, else nothing."""
     for command in (["add", "--", str(data)], ["commit", "--quiet", "--message", message, "--", str(data)]):
         words = ["git", "-C", str(deploy.REPOSITORY), *command]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise deploy.DeployError(f"git {' '.join(command)}\n{done.stderr or done.stdout}")
+            return f"git {' '.join(command)}\n{done.stderr or done.stdout}"
+    return ""

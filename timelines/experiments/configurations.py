@@ -28,7 +28,7 @@ LEAST = 10
 class Configuration:
     """`control` is the policy's, empty where nothing moves with the context; `static` are searched weights.
 
-    With `agent` the node agent writes the cgroups, and the bus asks everybody who they are. `adaptive` modules do less
+    With `agent` the node agent writes the cgroups. `adaptive` modules do less
     for an input when they are late. `alone`: each task's inputs are played by themselves, one task after the other.
     """
 

@@ -35,15 +35,15 @@ class Healths:
 
     def wait_until_ready(self) -> None:
         """Wait until all tasks of the robot are idle; DeployError if one does not report."""
-        if not self.wait_for_all(deploy.TASKS, time.time()):
+        if not self.wait_for_all(deploy.TASKS, time.time(), PATIENCE):
             raise deploy.DeployError(
                 f"not all of {', '.join(deploy.TASKS)} reported their health within {PATIENCE:g} s"
             )
 
-    def wait_for_all(self, tasks: tuple[str, ...], since: float) -> bool:
+    def wait_for_all(self, tasks: tuple[str, ...], since: float, patience: float) -> bool:
         """Wait until each task has said, after `since` (Unix seconds), that nothing waits; False if one does not."""
         with self._changed:
-            return self._changed.wait_for(lambda: all(idle(self._latest.get(task), since) for task in tasks), PATIENCE)
+            return self._changed.wait_for(lambda: all(idle(self._latest.get(task), since) for task in tasks), patience)
 
 
 def idle(health: Mapping[str, Any] | None, since: float) -> bool:

@@ -13,7 +13,6 @@ from timelines.demo import bus, cgroup, deploy
 from timelines.experiments import gate
 from timelines.experiments.configurations import autoscalers
 from timelines.experiments.schedules import module_file
-from timelines.experiments.stories import POLICIES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,6 +36,7 @@ REALTIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
 CONTROL = ("operator", "router", "agent")
 """Containers of what decides and carries it out; the router is the bus, with and without."""
 AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
+CONTEXT_POLICIES = "contextpolicies.contextpolicy.dev"
 POLICY = "ctxp/whole-robot"
 
 
@@ -64,7 +64,12 @@ def can(configuration: Configuration, *, slow: bool) -> bool:
 
 def _autoscales() -> bool:
     """Whether the VerticalPodAutoscaler is installed."""
-    return bool(deploy.run("kubectl", "get", "crd", AUTOSCALERS, "--ignore-not-found", "-o", "name").strip())
+    return _defined(AUTOSCALERS)
+
+
+def _defined(kind: str) -> bool:
+    """Whether the cluster knows a kind of object."""
+    return bool(deploy.run("kubectl", "get", "crd", kind, "--ignore-not-found", "-o", "name").strip())
 
 
 def values(trial: Trial, document: Document, cores: int, weights: Mapping[str, int]) -> Document:
@@ -86,9 +91,12 @@ def _deep_queues(module: Mapping[str, Any]) -> dict[str, str]:
 
 
 def install(configuration: Configuration) -> None:
-    """Install the operator with its router, with the node agent where the configuration wants it."""
+    """Install the operator with its router, with the node agent where the configuration wants it.
+
+    The bus is closed in any case: the agent needs it so, and encryption takes CPU that all have to pay alike.
+    """
     settings = ["agent.enabled=true"] * configuration.agent + ["agent.realtime=true"] * configuration.realtime
-    deploy.install_operator(*settings)
+    deploy.install_operator(*settings, closed=True)
 
 
 def start_robot(trial: Trial, weights: Mapping[str, int], folder: Path) -> None:
@@ -96,7 +104,7 @@ def start_robot(trial: Trial, weights: Mapping[str, int], folder: Path) -> None:
     stop_robot()
     document, own = policy_document(trial.story), folder / "values.yaml"
     own.write_text(yaml.safe_dump(values(trial, document, cores(), weights)), encoding="utf-8")
-    deploy.install_robot(deploy.VALUES, own, closed=trial.configuration.agent)
+    deploy.install_robot(deploy.VALUES, own, closed=True)
     if trial.configuration.autoscaled:
         path = folder / "autoscalers.yaml"
         path.write_text(yaml.safe_dump_all(autoscalers(document, cores())), encoding="utf-8")
@@ -115,9 +123,10 @@ def decide(trial: Trial, capacity: Capacity, folder: Path) -> None:
 
 
 def stop_robot() -> None:
-    """Remove the policy, or the autoscalers, then the modules."""
-    deploy.run("kubectl", "delete", AUTOSCALERS, "--all", "-n", deploy.ROBOT, quiet=True)
-    deploy.run("kubectl", "delete", "-f", str(POLICIES), f"--timeout={deploy.TIMEOUT}", quiet=True)
+    """Remove the policy, or the autoscalers, then the modules; DeployError if one stays: the next run would have it."""
+    for kind in (AUTOSCALERS, CONTEXT_POLICIES):
+        if _defined(kind):
+            deploy.run("kubectl", "delete", kind, "--all", "-n", deploy.ROBOT, f"--timeout={deploy.TIMEOUT}")
     deploy.run(
         *("helm", "uninstall", "robot", "--namespace", deploy.ROBOT, "--ignore-not-found", "--wait"),
         *("--timeout", deploy.TIMEOUT),
@@ -125,9 +134,9 @@ def stop_robot() -> None:
     deploy.run("kubectl", "wait", "pods", "--all", "-n", deploy.ROBOT, "--for=delete", "--timeout=60s", quiet=True)
 
 
-def session(configuration: Configuration, role: str) -> AbstractContextManager[zenoh.Session]:
-    """A session on the robot's bus; where the bus asks who speaks, in the given role."""
-    return bus.session(role, closed=configuration.agent)
+def session(role: str) -> AbstractContextManager[zenoh.Session]:
+    """A session on the robot's bus, in the given role."""
+    return bus.session(role, closed=True)
 
 
 def cgroups() -> dict[str, Cgroup]:

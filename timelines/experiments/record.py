@@ -16,6 +16,7 @@ from timelines.experiments.due import TENTHS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
 
     from timelines.experiments.due import Schedule
 
@@ -115,6 +116,13 @@ def unpacked(data: bytes) -> Any:
         return json.loads(lzma.decompress(data))
     except (lzma.LZMAError, ValueError) as error:
         raise RecordError(f"no packed JSON: {error}") from error
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that it has all of its content or is not there: what exists counts as finished."""
+    draft = path.with_name(f"{path.name}.part")
+    draft.write_bytes(data)
+    draft.replace(path)
 
 
 def block(records: Iterable[Record]) -> bytes:

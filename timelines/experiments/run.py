@@ -17,7 +17,7 @@ from contextpolicy.streams.timeline import load
 from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
-from timelines.experiments import confine, installation
+from timelines.experiments import confine, healths, installation
 from timelines.experiments.calm import busy_seconds, wait_until_calm
 from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
@@ -44,6 +44,9 @@ PROFILE = "robot/*/profile"
 SETTLING = 2.0
 """Seconds after the last input before an empty queue counts: a starved task fetches late what was sent to it."""
 
+BACKLOG = 2
+"""Times a story's length that a queue which drops nothing may take to empty; who is given up looks quicker."""
+
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
@@ -65,15 +68,15 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
     installation.start_robot(trial, conditions.weights, folder)
     try:
         with (
-            installation.session(trial.configuration, "sensor") as sensors,
-            installation.session(trial.configuration, "module") as viewer,  # viewers hear no samples
+            installation.session("sensor") as sensors,
+            installation.session("module") as viewer,  # viewers hear no samples
         ):
-            healths = Healths(viewer)
-            healths.wait_until_ready()
+            heard = Healths(viewer)
+            heard.wait_until_ready()
             gate: AbstractContextManager[object] = Gate(viewer) if trial.configuration.relayed else nullcontext()
             with gate:
                 installation.decide(trial, conditions.capacity, folder)
-                about = _Recording(trial, conditions, sensors, viewer, healths).make(folder)
+                about = _Recording(trial, conditions, sensors, viewer, heard).make(folder)
         (folder / RUN).write_text(json.dumps(about), encoding="utf-8")
     finally:
         installation.stop_robot()
@@ -113,10 +116,10 @@ class _Recording:
         conditions: Conditions,
         sensors: zenoh.Session,
         viewer: zenoh.Session,
-        healths: Healths,
+        heard: Healths,
     ) -> None:
         self._trial, self._conditions, self._sensors, self._viewer = trial, conditions, sensors, viewer
-        self._healths = healths
+        self._healths = heard
         self._source = TimelineSource(load(conditions.timeline), conditions.datasets)
 
     def make(self, folder: Path) -> dict[str, Any]:
@@ -152,7 +155,8 @@ class _Recording:
         reports, drained = [], True
         for inputs in self._source.parts(alone=self._trial.configuration.alone):
             reports.append(publish(inputs, self._sensors, stop=threading.Event()))
-            drained &= self._healths.wait_for_all(deploy.TASKS, reports[-1].finished + SETTLING)
+            patience = healths.PATIENCE + BACKLOG * self._trial.story.seconds * self._trial.story.lossless
+            drained &= self._healths.wait_for_all(deploy.TASKS, reports[-1].finished + SETTLING, patience)
         return reports, drained
 
 

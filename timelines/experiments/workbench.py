@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import datetime as dt
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
+
+import zenoh
 
 from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.streams.timeline import load
@@ -15,9 +17,10 @@ from timelines.experiments.accuracy import Judge
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.evidence import ENDING
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
-from timelines.experiments.record import Record, packed, unpacked
+from timelines.experiments.record import Record, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute
 from timelines.experiments.schedules import fingerprint, module_file, schedule
+from timelines.experiments.slowed import SlowedError
 from timelines.experiments.stories import Use
 
 if TYPE_CHECKING:
@@ -27,6 +30,9 @@ if TYPE_CHECKING:
     from timelines.experiments.blocks import Trial
     from timelines.experiments.due import Schedule
     from timelines.experiments.stories import Story
+
+TRIES = 3
+"""How often a run is begun before the node counts as broken: a timeout of helm must not end a night of runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +103,31 @@ class Workbench:
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
         began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
-        self._install(trial)
+        failures: list[str] = []
         if not (folder / RUN).exists():  # it may have been played already, and not been understood
-            execute(trial, Conditions(timeline, self.folders.datasets, setting.capacity, weights), folder)
+            conditions = Conditions(timeline, self.folders.datasets, setting.capacity, weights)
+            failures = self._play(trial, conditions, folder)
         run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
         judged = {} if trial.configuration.alone else judge.accuracy(run)
-        self._file(place, trial).write_bytes(packed(collect.record(trial, run, due, judged).as_json()))
+        found = collect.record(trial, run, due, judged)
+        kept = replace(found, about={**found.about, "failures": failures})
+        write_whole(self._file(place, trial), packed(kept.as_json()))
         self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())
+
+    def _play(self, trial: Trial, conditions: Conditions, folder: Path) -> list[str]:
+        """Do a run, TRIES times at most where the node fails, and return what failed: it is kept with the record."""
+        failures: list[str] = []
+        while True:
+            try:
+                self._install(trial)
+                execute(trial, conditions, folder)
+            except (deploy.DeployError, SlowedError, zenoh.ZError) as error:
+                self._installed = None  # whatever it was, all is installed anew
+                failures.append(str(error))
+                if len(failures) == TRIES:
+                    raise
+            else:
+                return failures
 
     def _install(self, trial: Trial) -> None:
         """Install the operator again only where another configuration needs it otherwise."""

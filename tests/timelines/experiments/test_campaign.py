@@ -184,3 +184,11 @@ def test_an_unknown_story_or_configuration_is_refused(capsys):
     refused = capsys.readouterr().err
     assert "'magic' is none of delivery, inspection" in refused
     assert "linux-gated" in refused
+
+
+def test_runs_go_on_where_git_refuses_to_commit(tmp_path):
+    bench, lines = Bench(tmp_path), Lines()
+    made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {False: {}, True: {}}, lines)
+    assert made.run(CHOSEN, until=lambda _: True, commit=True) == 0  # the folder is outside of the repository
+    assert len(bench.done) == len(CHOSEN)
+    assert any(line.startswith("git add") for line in lines.said)

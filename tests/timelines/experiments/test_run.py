@@ -14,12 +14,12 @@ from robotkit import Input, Module, Needs, Task
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
 from timelines.demo import deploy
-from timelines.experiments import collect, healths, installation, metrics
+from timelines.experiments import collect, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.capacity import Capacity
-from timelines.experiments.configurations import ALONE, LINUX
+from timelines.experiments.configurations import ALONE, LINUX, WEIGHTS
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
 from timelines.experiments.run import Conditions, TimelineSource, execute
@@ -112,3 +112,63 @@ def test_each_task_alone_gets_its_own_inputs_one_after_the_other(tmp_path):
     ]
     (whole,) = source.parts(alone=LINUX.alone)
     assert len(whole.encodings) == 2
+
+
+class Flaky:
+    """A node on which the first runs fail."""
+
+    def __init__(self, monkeypatch, fails):
+        self.installed, self.runs, self.fails = 0, 0, fails
+        monkeypatch.setattr(installation, "stop_robot", lambda: None)
+        monkeypatch.setattr(installation, "install", self.install)
+        monkeypatch.setattr(workbench, "execute", self.execute)
+
+    def install(self, _):
+        self.installed += 1
+
+    def execute(self, *_):
+        self.runs += 1
+        if self.runs <= self.fails:
+            raise deploy.DeployError("helm: timed out")
+
+
+def play(tmp_path):
+    bench = workbench.Workbench(workbench.Folders(*[tmp_path] * 4))
+    return bench._play(TRIAL, conditions(tmp_path), tmp_path / "run")
+
+
+def test_a_run_that_fails_is_done_again_on_a_new_installation(monkeypatch, tmp_path):
+    node = Flaky(monkeypatch, fails=2)
+    assert play(tmp_path) == ["helm: timed out"] * 2
+    assert (node.runs, node.installed) == (3, 3)
+
+
+def test_a_node_that_always_fails_ends_the_runs(monkeypatch, tmp_path):
+    node = Flaky(monkeypatch, fails=99)
+    with pytest.raises(deploy.DeployError):
+        play(tmp_path)
+    assert node.runs == workbench.TRIES
+
+
+def test_the_bus_is_the_same_with_and_without_the_agent(monkeypatch):
+    said = []
+    monkeypatch.setattr(deploy, "_pod_logs", lambda: "/var/log/pods")
+    monkeypatch.setattr(deploy, "free_address", lambda: "10.43.7.47")
+    monkeypatch.setattr(deploy, "run", lambda *words, **_: said.append(words) or "")
+    for configuration in (LINUX, WEIGHTS):
+        installation.install(configuration)
+    without, with_agent = ({word for word in words if "=" in word} for words in said if words[0] == "helm")
+    assert "security.namespaces={robot}" in without
+    assert with_agent - without == {"agent.enabled=true", "agent.podLogs=/var/log/pods"}
+    assert without <= with_agent
+
+
+def test_a_policy_that_stays_ends_the_run(monkeypatch):
+    def run(*words, quiet=False):
+        if words[:2] == ("kubectl", "delete") and not quiet:
+            raise deploy.DeployError("timed out")
+        return "there"
+
+    monkeypatch.setattr(deploy, "run", run)
+    with pytest.raises(deploy.DeployError):
+        installation.stop_robot()
