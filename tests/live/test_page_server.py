@@ -170,7 +170,8 @@ def test_an_operator_that_hangs_is_reported(get, watched):
 
 def test_an_operator_that_fails_is_reported_as_such(get, watched, caplog):
     """Without an answer the page would say that no operator runs."""
-    watched.boards = lambda: {}["lab/robot"]
+    boards: dict[str, str] = {}
+    watched.boards = lambda: boards["lab/robot"]
     status, body, headers = get("/api/boards")
     assert (status, headers["Content-Type"]) == (500, "text/plain")
     assert body == "the operator failed: its log says why\n"

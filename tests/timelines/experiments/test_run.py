@@ -151,10 +151,15 @@ def test_a_node_that_always_fails_ends_the_runs(monkeypatch, tmp_path):
 
 
 def test_the_bus_is_the_same_with_and_without_the_agent(monkeypatch):
-    said = []
+    said: list[tuple[str, ...]] = []
+
+    def run(*words, **_):
+        said.append(words)
+        return ""
+
     monkeypatch.setattr(deploy, "_pod_logs", lambda: "/var/log/pods")
     monkeypatch.setattr(deploy, "free_address", lambda: "10.43.7.47")
-    monkeypatch.setattr(deploy, "run", lambda *words, **_: said.append(words) or "")
+    monkeypatch.setattr(deploy, "run", run)
     for configuration in (LINUX, WEIGHTS):
         installation.install(configuration)
     without, with_agent = ({word for word in words if "=" in word} for words in said if words[0] == "helm")
