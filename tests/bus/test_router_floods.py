@@ -139,7 +139,7 @@ def test_a_client_that_does_not_read_holds_up_nobody(port, flood):
 
     The router then gave it up, which it need not do if it does not wait for it.
     """
-    with ExitStack() as sessions, ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(2) as pool, ExitStack() as sessions:  # closed sessions end floods that are held up
         neighbours = Neighbours(port, sessions)
         client, deaf = sessions.enter_context(deaf_client(port))
         floods = flood(client, neighbours.senders, deaf, pool)
