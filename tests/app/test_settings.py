@@ -81,9 +81,9 @@ def test_duplicate_ports_are_rejected():
     with pytest.raises(SettingsError) as caught:
         read({"HEALTH_PORT": "9000", "METRICS_PORT": "9000", "LIVE_PORT": "9000"})
     assert [str(finding) for finding in caught.value.findings] == [
-        "METRICS_PORT: invalid value '9000': expected another port than HEALTH_PORT",
-        "LIVE_PORT: invalid value '9000': expected another port than HEALTH_PORT",
-        "LIVE_PORT: invalid value '9000': expected another port than METRICS_PORT",
+        "METRICS_PORT: invalid value '9000': expected a port other than HEALTH_PORT",
+        "LIVE_PORT: invalid value '9000': expected a port other than HEALTH_PORT",
+        "LIVE_PORT: invalid value '9000': expected a port other than METRICS_PORT",
     ]
 
 

@@ -28,16 +28,16 @@ def test_missing_or_invalid_files_are_rejected(name, content):
     broken = files() | ({} if content is None else {name: content})
     if content is None:
         del broken[name]
-    assert flaw(broken, files(), NOW).startswith(f"{name}: no ")
+    assert flaw(broken, files(), NOW).startswith(f"{name}: contains no PEM ")
 
 
 def test_mismatched_key_is_rejected():
-    assert flaw(files() | {"tls.key": files()["tls.key"]}, files(), NOW) == "tls.key: not the key of tls.crt"
+    assert flaw(files() | {"tls.key": files()["tls.key"]}, files(), NOW) == "tls.key: does not match tls.crt"
 
 
 def test_expired_certificate_is_accepted_only_if_it_ends_later():
     ended = files(NOW - LIFETIME)
-    assert flaw(ended, files(), NOW) == "tls.crt: ended at 2026-11-24T00:00:00+00:00"
+    assert flaw(ended, files(), NOW) == "tls.crt: expired at 2026-11-24T00:00:00+00:00"
     assert flaw(ended, files(NOW - LIFETIME - DAY), NOW) == ""
 
 

@@ -66,7 +66,7 @@ def test_graph_needs_and_preconditions(capsys: pytest.CaptureFixture[str]) -> No
     text = explain(capsys, "speech-chatbot", "--at", "6")
     assert "speech-recognition has no container of its own.\n" in text
     assert (
-        "  speech-recognition is compound: it needs all of keyword-spotting, transcript; they have the share.\n" in text
+        "  speech-recognition is compound: it needs all of keyword-spotting, transcript; the share is theirs.\n" in text
     )
     assert "  It is a subtask of speech-recognition, whose weight is split over the subtasks that can run.\n" in text
     assert "  It needs 1000m of CPU, it gets 600m: not met.\n" in text
@@ -178,7 +178,7 @@ def test_live(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.usefixtures("_patience")
 def test_missing_operator_is_reported(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "robot/other", "--connect", endpoint]) == 2
-    assert "nobody at" in capsys.readouterr().err
+    assert "no operator at" in capsys.readouterr().err
 
 
 def test_no_router(free_endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

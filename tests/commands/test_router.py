@@ -90,7 +90,7 @@ def test_invalid_certificate_is_reported_and_the_former_kept(tmp_path, program, 
 
     with client_of(endpoint, authority.issue("operator")) as operator, operator.declare_publisher(PLAN) as publisher:
         (tmp_path / "router" / "..data" / "tls.crt").write_text("garbage")
-        until(lambda: reported("router/tls.crt: no certificate in PEM; it goes on with the former files"))
+        until(lambda: reported("router/tls.crt: contains no PEM certificate; still using the previous files"))
         with client_of(endpoint, authority.issue("agent")) as agent:
             heard: Queue[str] = Queue()
             agent.declare_subscriber(PLAN, lambda sample: heard.put(sample.payload.to_string()))

@@ -118,7 +118,7 @@ def test_a_suspended_task_is_capped_under_every_control(control):
 
 def test_a_protected_task_weighs_at_least_a_core():
     assert enforced("Weight", "brake")[1:] == [
-        "It is protected, so beside the other tasks it weighs 1000m: a small weight waits long for its turn."
+        "It is protected, so next to the other tasks its weight is 1000m: small weights wait long for their turn."
     ]
 
 

@@ -78,7 +78,7 @@ def test_silence_and_empty_windows_are_reported_with_their_time():
 def test_delays_are_reported():
     story = a_story("imu.speed < 1", enterAfter="10s", exitAfter="4s")
     assert context_sentences(explained(story, 4)) == [
-        "Context on does not hold yet, but in 6 s (enterAfter): `imu.speed < 1` is true, for `imu.speed` is 0.5."
+        "Context on will hold in 6 s (enterAfter): `imu.speed < 1` is true, for `imu.speed` is 0.5."
     ]
     story.sample("imu", at=12, speed=2.0)
     assert context_sentences(explained(story, 13)) == [

@@ -105,7 +105,9 @@ def test_cpu_autoscaler_is_reverted_until_it_persists(robot, controlled):
     robot.expect(**{"slam-0": 990, "speech-0": 10})
 
     until(
-        "it gets its way", lambda: "so it is left like that" in (now := robot.condition("Applied"))[1] or now, MINUTES
+        "it gets its way",
+        lambda: "so the change is left in place" in (now := robot.condition("Applied"))[1] or now,
+        MINUTES,
     )
     time.sleep(3 * autoscaler.INTERVAL)
     assert resources(robot, "slam")["requests"]["cpu"] != "10m", "it keeps what it has"

@@ -44,7 +44,7 @@ def test_contexts_that_an_expression_reads(source: str, read: set[str]) -> None:
         ("contexts", "one context, such as contexts.moving"),
         ("contexts.exists(c, c)", "one context, such as contexts.moving"),
         ("has(contexts.moving)", "one context, such as contexts.moving"),
-        ("contexts[imu.name]", "a name in quotes, such as contexts['low-battery']"),
+        ("contexts[imu.name]", "a quoted name, such as contexts['low-battery']"),
         ("imu.list.exists(contexts, contexts > 1)", "one context, such as contexts.moving"),
     ],
 )

@@ -118,7 +118,7 @@ def noted(payloads, kind):
 
 def test_a_recording_of_another_type_is_reported_once():
     assert noted(BROKEN, "nav_msgs/msg/Odometry") == [
-        "the recording is nav_msgs/msg/Odometry and stream odom is std_msgs/msg/String: none of it is read"
+        "the recording has nav_msgs/msg/Odometry, and stream odom expects std_msgs/msg/String: none of it is read"
     ]
 
 

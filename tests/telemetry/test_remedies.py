@@ -72,8 +72,8 @@ def test_remedy_for_a_deferred_resize(pending, remedy):
         ("kubectl-patch", "change the policy instead"),
         ("contextpolicy", "an admission webhook"),
         ("", "an admission webhook"),
-        ("my-autoscaler", "let one of them decide"),
-        ("contextpolicy-exporter", "let one of them decide"),
+        ("my-autoscaler", "let only one of them set its CPU"),
+        ("contextpolicy-exporter", "let only one of them set its CPU"),
     ],
 )
 def test_remedy_for_another_writer(manager, remedy):

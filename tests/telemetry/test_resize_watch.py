@@ -180,7 +180,7 @@ def test_a_conflict_is_reported_with_writer_and_change(reported):
     assert reason == "ResizedByOther"
     assert message.startswith(
         "lab/slam/slam: vpa-updater changed its CPU limit from 300m to 700m, CPU request from 100m to 150m; "
-        "it gets what the plan says again; set updateMode"
+        "the plan's value is written again; set updateMode"
     )
     assert reported.watch.problems(POLICY) == {"lab/slam/slam": message}
     assert conflicts() == before + 1
@@ -227,5 +227,8 @@ def test_a_yielded_conflict_is_reported_once_more(reported):
     for one in (conflict, conflict, replace(conflict, yielded=True), replace(conflict, yielded=True)):
         reported.watch.on_conflict(POLICY, "lab/slam/slam", one)
     [first, last] = reported.problems
-    assert "it gets what the plan says again" in first[1]
-    assert "that goes on, so it is left like that, and the plan's value tried again every 10 min" in last[1]
+    assert "the plan's value is written again" in first[1]
+    assert (
+        "this keeps happening, so the change is left in place, and the plan's value is tried again every 10 min"
+        in last[1]
+    )

@@ -93,7 +93,7 @@ def test_a_stream_says_when_its_timestamps_are_of_another_clock(offset, off):
         story.sample("imu", at=tick / 10, stamp=tick / 10 + offset, speed=0.3)
     [stream] = made(story)["streams"]
     reported = (
-        f"its timestamps are of another clock, {off} ours (simulated time, a replay?): the time of arrival counts"
+        f"its timestamps are from another clock, {off} ours (simulated time, a replay?): the time of arrival counts"
     )
     assert stream["message"].partition("; ")[0] == reported
     assert stream["healthy"]

@@ -32,7 +32,9 @@ class TargetGroups:
                 self._refusals.note("NotHere", f"{order.policy}: {target.container_id or 'a container that starts'}")
                 refused[target.container_id] = "NotHere"
             elif (namespace := self._namespaces.of(target.uid)) != order.namespace:
-                self._refusals.note("Foreign", f"{order.policy}: {target.container_id} is of namespace {namespace}")
+                self._refusals.note(
+                    "Foreign", f"{order.policy}: {target.container_id} belongs to namespace {namespace}"
+                )
                 refused[target.container_id] = "Foreign"
             else:
                 groups[group] = target

@@ -88,4 +88,4 @@ def _require_distinct(environment: Environment, **ports: int) -> None:
     """Two servers can't listen on one port."""
     for one, other in combinations(ports, 2):
         if ports[one] == ports[other]:
-            environment.findings.append(Finding(other, str(ports[other]), f"another port than {one}"))
+            environment.findings.append(Finding(other, str(ports[other]), f"a port other than {one}"))

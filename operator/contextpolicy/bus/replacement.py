@@ -27,7 +27,7 @@ def flaw(files: Files, former: Files, now: datetime) -> str:
     if CERTIFICATE not in files and CERTIFICATE not in former:
         return ""
     if (CA in files or CA in former) and _first(files, CA) is None:
-        return f"{CA}: no certificate in PEM"
+        return f"{CA}: contains no PEM certificate"
     return flaw_of_pair(files) or _lateness(_first(files, CERTIFICATE), _first(former, CERTIFICATE), now)
 
 
@@ -35,18 +35,18 @@ def flaw_of_pair(files: Files) -> str:
     """Why `tls.crt` and `tls.key` are no certificate with its key; empty when they are."""
     certificate = _first(files, CERTIFICATE)
     if certificate is None:
-        return f"{CERTIFICATE}: no certificate in PEM"
+        return f"{CERTIFICATE}: contains no PEM certificate"
     try:
         key = load_pem_private_key(files[KEY], None)
     except UNREADABLE:
-        return f"{KEY}: no private key in PEM"
-    return "" if key.public_key() == certificate.public_key() else f"{KEY}: not the key of {CERTIFICATE}"
+        return f"{KEY}: contains no PEM private key"
+    return "" if key.public_key() == certificate.public_key() else f"{KEY}: does not match {CERTIFICATE}"
 
 
 def _lateness(certificate: Certificate | None, former: Certificate | None, now: datetime) -> str:
     last = certificate.not_valid_after_utc if certificate else now
     if last <= now and (former is None or last <= former.not_valid_after_utc):
-        return f"{CERTIFICATE}: ended at {last.isoformat()}"
+        return f"{CERTIFICATE}: expired at {last.isoformat()}"
     return ""
 
 

@@ -29,9 +29,7 @@ def services(found: Mapping[str, Service]) -> Iterator[Check]:
         if service.served is None:
             yield Check(subject, Verdict.UNKNOWN, said, "use an account that may read Leases there")
         elif not service.served:
-            remedy = (
-                "start an operator whose watchNamespaces has it; until then its policies' conditions are the last one's"
-            )
+            remedy = "start an operator whose watchNamespaces includes it; until then conditions stay as last written"
             yield Check(subject, Verdict.BAD, said, remedy)
 
 
@@ -40,7 +38,7 @@ def policies(facts: ClusterFacts) -> Iterator[Check]:
     for policy in facts.policies or ():
         name = f"policy {name_of(policy)}"
         if not conditions(policy):
-            remedy = "the operator has not seen it: check that watchNamespaces has its namespace"
+            remedy = "the operator has not seen it: check that watchNamespaces includes its namespace"
             yield Check(name, Verdict.BAD, "without status", remedy)
         bad = [one for one in conditions(policy) if one["status"] == "False" and one["type"] != "Ready"]
         for one in bad:

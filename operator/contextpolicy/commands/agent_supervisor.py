@@ -89,7 +89,7 @@ class _OwnProcess:
 
 def _undo(settings: AgentSettings, state: StateDirectory) -> bool:
     if not state.take_now():
-        log.info("an agent lives: nothing to undo")
+        log.info("an agent is running: nothing to undo")
         return True
     from contextpolicy.agent.leftovers import undo
 
@@ -112,7 +112,7 @@ def _announce(settings: AgentSettings) -> None:
     try:
         session = open_visitor(settings.connect, patience=SHOWN, credentials=settings.credentials)
     except zenoh.ZError as error:
-        log.warning("the operator can't be shown what was undone: %s", error)
+        log.warning("could not report to the operator what was undone: %s", error)
         return
     token = session.liveliness().declare_token(agent_key(settings.node))
     time.sleep(SHOWN)

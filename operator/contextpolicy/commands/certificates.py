@@ -77,7 +77,7 @@ def renew(api: ApiServer, release: Release, now: datetime, built: datetime) -> b
     files = {place: secret.files for place, secret in found.items()}
     time = moment(release, {place: files[place] for place in own}, now, built)
     if time != now:
-        print(f"the clock can't be right, it says {now:%F}: nothing is renewed, and {time:%F} counts")
+        print(f"the clock must be wrong, it says {now:%F}: nothing is renewed, and {time:%F} is used instead")
     changes = {place: content for place, content in due(release, files, time).items() if place in found}
     failed = len(places) - len(found)
     for place, content in sorted(changes.items(), key=lambda change: change[0] in shared):
@@ -90,7 +90,7 @@ def renew(api: ApiServer, release: Release, now: datetime, built: datetime) -> b
             _complain(place, error)
         else:
             print(f"{place.namespace}/{place.name}: written")
-    print(f"{len(found) - len(changes)} of {len(places)} Secrets are good as they are")
+    print(f"{len(found) - len(changes)} of {len(places)} Secrets need no change")
     return not failed
 
 

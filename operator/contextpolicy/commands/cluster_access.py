@@ -44,7 +44,7 @@ REMEDIES = {
     "Unreadable": MEANT,
     "NotFound": MEANT,
     "Unauthorized": "log in again, or name a context with valid credentials (--context, --kubeconfig)",
-    "Forbidden": "ask for that right, or name a context that has it (--context, --kubeconfig)",
+    "Forbidden": "ask for that permission, or name a context that has it (--context, --kubeconfig)",
     "ServerError": "try again; `kubectl get --raw /readyz?verbose` says what is wrong there",
 }
 """What to do when the API server does not answer, or refuses, by the reason."""

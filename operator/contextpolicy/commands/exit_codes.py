@@ -8,7 +8,7 @@ INTERRUPTED = 130
 READER_GONE = 141
 """128 + SIGPIPE."""
 
-WRITTEN = ("done", "written, but no operator serves the namespace: nobody carries it out until one does")
+WRITTEN = ("done", "written, but no operator serves the namespace: it takes effect once one does")
 MODES = ("pause", "resume", "dry-run", "promote")
 
 ANSWERS = {

@@ -136,7 +136,7 @@ def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
     if answer is not None:
         return answer
     raise NoAnswerError(
-        f"nobody at {arguments.connect} explains {arguments.policy}: is the operator running, and is it the policy's "
+        f"no operator at {arguments.connect} explains {arguments.policy}: is it running, and is that the policy's "
         "NAMESPACE/NAME?"
     )
 

@@ -166,7 +166,7 @@ def _await_renewal(directory: Path | None, files: dict[str, bytes], stop: thread
             problem = flaw(found, files, datetime.now(UTC))
             if not problem:
                 return
-            print(f"router: {directory}/{problem}; it goes on with the former files", file=sys.stderr, flush=True)
+            print(f"router: {directory}/{problem}; still using the previous files", file=sys.stderr, flush=True)
         seen = found
 
 

@@ -148,7 +148,7 @@ def lines(comparison: Mapping[str, Any]) -> Iterator[str]:
     differs = f"{comparison['seconds']:.0f} s: other shares {comparison['differs']:.0%} of the time"
     yield from wrapped(f"{comparison['shadow']} {how} {comparison['of']}, {differs}", columns(), others="  ")
     if comparison["takenBack"]:
-        yield from wrapped(f"its last promotion was taken back: {comparison['takenBack']}", columns(), "  ", "    ")
+        yield from wrapped(f"its last promotion was reverted: {comparison['takenBack']}", columns(), "  ", "    ")
     task_head = ("TASK", "MEAN SHARE", "SUSPENDED", "MISSES, MEASURED", "MISSES, PREDICTED")
     rows = [_row(name, task) for name, task in comparison["tasks"].items()]
     yield from text_table(task_head, rows, columns(), indent="  ")

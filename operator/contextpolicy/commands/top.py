@@ -139,7 +139,7 @@ def _show_once(arguments: argparse.Namespace, session: zenoh.Session, view: BusV
     for key, payload in _answers(session, *_keys(arguments, "plan")):
         view.take(key, payload)
     if not view.policies:
-        raise NoAnswerError(f"nobody at {arguments.connect} makes plans: is the operator running, is there a policy?")
+        raise NoAnswerError(f"no plans at {arguments.connect}: is the operator running, and is there a policy?")
     _ask_boards(session, view, *_keys(arguments, "board"))
     _print(arguments, view)
 

@@ -49,7 +49,7 @@ def _context(name: str, context: Mapping[str, Any]) -> str:
         return f"Context {name} {'holds' if context['holds'] else 'does not hold'}: {parts}."
     if context["holds"]:
         return f"Context {name} still holds, for {context['turnsIn']:.3g} s more (exitAfter): {parts}."
-    return f"Context {name} does not hold yet, but in {context['turnsIn']:.3g} s (enterAfter): {parts}."
+    return f"Context {name} will hold in {context['turnsIn']:.3g} s (enterAfter): {parts}."
 
 
 def _idle_contexts(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
@@ -104,8 +104,8 @@ def _enforced(control: str, own: Mapping[str, Any], share: int) -> Iterator[str]
         yield "That is its weight where CPU is contested (control Weight); it may also use what others leave idle."
         if own["protected"] and share < PROTECTED_WEIGHT:
             yield (
-                f"It is protected, so beside the other tasks it weighs {_cpu(PROTECTED_WEIGHT)}: "
-                "a small weight waits long for its turn."
+                f"It is protected, so next to the other tasks its weight is {_cpu(PROTECTED_WEIGHT)}: "
+                "small weights wait long for their turn."
             )
 
 
@@ -186,7 +186,7 @@ def _graph(own: Mapping[str, Any], task: str) -> Iterator[str]:
         yield f"It is a subtask of {own['parent']}, whose weight is split over the subtasks that can run."
     if own["subtasks"]:
         kind = "compound: it needs all of" if own["satisfiedBy"] == "All" else "complex: it needs any of"
-        yield f"{task} is {kind} {', '.join(own['subtasks'])}; they have the share."
+        yield f"{task} is {kind} {', '.join(own['subtasks'])}; the share is theirs."
 
 
 def _division(explanation: Mapping[str, Any], task: str) -> Iterator[str]:

@@ -75,7 +75,7 @@ def _max_size(cost: _Cost, walk: _Walk) -> int | None:
         each = walk.macros * max(1, walk.compiling_each)
         bounds.append(int((BUDGET / each) ** (1 / max(1, cost.work))) - 1 - walk.literals)
     if min(bounds, default=LEAST_SIZE) < LEAST_SIZE:
-        raise ValueError("nests comprehensions so deeply, or matches patterns so large in them, that it may run away")
+        raise ValueError("nests comprehensions, or large patterns in them, so deeply that it may take too long")
     return min(bounds, default=None)
 
 
@@ -181,7 +181,7 @@ class _Walk:
     def _macro(self, node: Node) -> _Cost:
         self.macros += 1
         if len(node.parts) < 3:
-            raise ValueError(f"gives {node.text} less than a name and an expression")
+            raise ValueError(f"gives {node.text} fewer arguments than a name and an expression")
         over, variable, *bodies = node.parts
         check_name(variable.text)
         of = self.cost(over)
@@ -203,5 +203,5 @@ class _Walk:
 def asked_stream(call: Node) -> str:
     """The stream that a call asks about; ValueError when it names none."""
     if call.kind is not Construct.CALL or len(call.parts) != 1 or call.parts[0].kind is not Construct.NAME:
-        raise ValueError(f"asks {call.text}() of something else than one stream, such as {call.text}(imu)")
+        raise ValueError(f"calls {call.text}() on something other than one stream, such as {call.text}(imu)")
     return call.parts[0].text

@@ -147,5 +147,5 @@ def _whole(number: Number) -> int:
 
 def _joined(left: Any, right: Any, operator: str, join: Callable[[], Any]) -> Any:
     if isinstance(left, bool | int | float) or isinstance(right, bool | int | float):
-        raise TypeError(f"{left!r} {operator} {right!r}; expected two numbers, two texts or two lists")
+        raise TypeError(f"{left!r} {operator} {right!r}; expected two numbers, two strings or two lists")
     return join()

@@ -133,7 +133,7 @@ class _Writer:
             self.asked.add(asked_stream(node))
             return HEARD + asked_stream(node)
         if node.text == cel_functions.AGE.name:
-            raise ValueError("uses age() for something else than a comparison with a number, such as age(imu) > 2")
+            raise ValueError("uses age() for something other than a comparison with a number, such as age(imu) > 2")
         call = f"{INSTEAD.get(node.text, node.text)}({self._row(node.parts)})"
         stream = _root(node.parts[0]) if node.text == cel_functions.HAS.name and node.parts else None
         if stream is not None:
@@ -170,7 +170,7 @@ class _Writer:
             operator, call, limit = _MIRRORED.get(node.text, ""), right, left
         if operator not in _AGES or limit.kind is not Construct.NUMBER:
             raise ValueError(
-                "compares age() with something else than a number, or not by <, <=, > or >=, such as age(imu) > 2"
+                "compares age() with something other than a number, or not by <, <=, > or >=, such as age(imu) > 2"
             )
         no, function = _AGES[operator]
         stream, seconds = asked_stream(call), float(number(limit.text))

@@ -23,14 +23,14 @@ def read_context(node: Node) -> str | None:
         return node.text
     name = node.parts[1]
     if name.kind is not Construct.TEXT or name.text[0] not in "'\"" or "\\" in name.text:
-        raise ValueError("reads contexts[...] of something else than a name in quotes, such as contexts['low-battery']")
+        raise ValueError("indexes contexts with something other than a quoted name, such as contexts['low-battery']")
     return name.text.strip(name.text[0])
 
 
 def check_name(name: str) -> None:
     """ValueError for a name that stands for all contexts: they can only be asked one by one."""
     if name == CONTEXTS:
-        raise ValueError("uses contexts for something else than one context, such as contexts.moving")
+        raise ValueError("uses contexts for something other than one context, such as contexts.moving")
 
 
 def variable(context: str) -> str:

@@ -44,7 +44,7 @@ def _unfed(policy: Policy, run: Simulation) -> Iterator[str]:
 def _mistyped(policy: Policy, run: Simulation) -> Iterator[str]:
     types = {stream.name: stream.type for stream in policy.streams}
     for stream, recorded in sorted(run.skipped.mistyped):
-        yield f"the recording is {recorded} and stream {stream} is {types[stream]}: none of it is read"
+        yield f"the recording has {recorded}, and stream {stream} expects {types[stream]}: none of it is read"
 
 
 def _undecodable(run: Simulation) -> Iterator[str]:

@@ -222,7 +222,7 @@ def _size(value: object) -> int:
     if isinstance(value, list):
         return len(value)
     if type(value) not in _PLAIN:
-        raise DecodeError(f"holds a {type(value).__name__}, allowed: numbers, texts, lists and maps")
+        raise DecodeError(f"holds a {type(value).__name__}, allowed: numbers, strings, lists and maps")
     if type(value) is int and value.bit_length() > MAX_BITS:
         raise DecodeError(f"holds an integer of {value.bit_length()} bits, allowed: {MAX_BITS}")
     return 0
@@ -231,7 +231,7 @@ def _size(value: object) -> int:
 def _check_keys(value: dict[object, object]) -> None:
     for key in value:
         if type(key) is not str:
-            raise DecodeError(f"has the key {_short(key)}, allowed: text")
+            raise DecodeError(f"has the key {_short(key)}, allowed: strings")
 
 
 def _timestamp(fields: dict[str, Any], path: tuple[str, ...]) -> float | None:

@@ -230,7 +230,7 @@ class Scan:
     def _check(self, messages: Iterable[Message]) -> None:
         unknown = {message.channel_id for message in messages} - self.index.channels.keys()
         if unknown:
-            raise BrokenError(f"a message is of channel {min(unknown)}, which is not defined")
+            raise BrokenError(f"a message refers to channel {min(unknown)}, which is not defined")
 
     def _add(self, piece: Piece, messages: list[Message]) -> None:
         index, times = self.index, [message.log_time for message in messages]

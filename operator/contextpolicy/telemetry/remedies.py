@@ -50,11 +50,14 @@ _WRITERS = (
     (r"startup-cpu-boost", "leave this pod out of its StartupCPUBoost"),
     (
         rf"^({FIELD_MANAGER})?$",
-        "an admission webhook changes what the operator asks for, or a second operator runs: let this one decide",
+        (
+            "an admission webhook changes what the operator asks for, or a second operator runs: exempt pods/resize "
+            "from the webhook, or stop the second operator"
+        ),
     ),
     (r"^kubectl", "change the policy instead: the task's min, max or priority, or mode: Paused"),
 )
-_ONE_DECIDES = "let one of them decide: take the container out of its hands, or out of the policy"
+_ONE_DECIDES = "let only one of them set its CPU: exclude the container there, or leave it out of the policy"
 
 
 def for_refusal(error: ActuationError) -> str:

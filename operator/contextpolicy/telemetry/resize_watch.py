@@ -130,7 +130,7 @@ class ResizeWatch:
         conflicts = self._conflicts.setdefault(policy, {})
         if conflict is None:
             if conflicts.pop(container, None):
-                self._listener.on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
+                self._listener.on_problem(policy, RECOVERED, f"{container}: no other writer has resized it for a while")
             return
         self._reactions.drop(policy, container)
         metrics.CONFLICTS.labels(*metrics.labels(policy)).inc()
@@ -199,8 +199,11 @@ def _advised(message: str, remedy: str) -> str:
 
 def _answer(conflict: Conflict) -> str:
     if conflict.yielded:
-        return f"that goes on, so it is left like that, and the plan's value tried again every {YIELDED / 60:g} min"
-    return "it gets what the plan says again"
+        return (
+            "this keeps happening, so the change is left in place, and the plan's value is tried again "
+            f"every {YIELDED / 60:g} min"
+        )
+    return "the plan's value is written again"
 
 
 def _changes(conflict: Conflict) -> Iterator[str]:

@@ -26,7 +26,7 @@ NEEDED = ("Accepted", "Connected", "Bound", "Applied")
 """The conditions that `Ready` consists of. A sleeping microphone or a floor that does not fit are reported, but are no
 failure of the policy."""
 GIVE_UP = (
-    "the policy is deleted once its containers are as they were; to give up, remove its finalizer "
+    "the policy is deleted once its containers are restored; to give up, remove its finalizer "
     f"{FINALIZER}, and they keep what they have"
 )
 MAX_NODES = 64
@@ -180,7 +180,7 @@ def _application(mode: Mode, shadow: ShadowFacts | None, unapplied: Sequence[str
     if shadow is None:
         return ConditionFinding("Applied", good, "NotApplied", unapplied if mode.acts else ())
     if shadow.is_back and shadow.taken_back is not None:
-        reverted = f"the promotion was taken back at {shadow.taken_back['time']}: {shadow.taken_back['message']}"
+        reverted = f"the promotion was reverted at {shadow.taken_back['time']}: {shadow.taken_back['message']}"
         return ConditionFinding("Applied", good, "TakenBack", [f"{reverted}; edit the spec to try again"])
     rival = [f"{shadow.rival} is promoted already: only one shadow of a policy can be"] if shadow.rival else []
     return ConditionFinding("Applied", "Promoted" if shadow.promoted else good, "NotApplied", rival)

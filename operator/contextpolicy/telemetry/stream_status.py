@@ -57,4 +57,4 @@ def _is_silent(stream: StreamState) -> bool:
 def _other_clock(behind: float) -> str:
     unit, size = next((unit, size) for unit, size in _UNITS if abs(behind) >= size)
     off = f"{abs(behind) / (size or 1):.0f} {unit} {'behind' if behind > 0 else 'ahead of'} ours"
-    return f"its timestamps are of another clock, {off} (simulated time, a replay?): the time of arrival counts"
+    return f"its timestamps are from another clock, {off} (simulated time, a replay?): the time of arrival counts"

@@ -78,7 +78,7 @@ def test_arbitrary_expressions_do_not_crash_it(source):
             "imu.header.stamp has no field secs: builtin_interfaces/msg/Time has sec,",
         ),
         ("imu.orientation_covariance.x > 1.0", "imu.orientation_covariance is a list, which has no field x"),
-        ("s.t > 1", "s.t > 1 has a string and a number: > takes two of a kind"),
+        ("s.t > 1", "s.t > 1 has a string and a number: > takes two values of the same kind"),
         ("s.n ? true : false", "s.n is a number, expected true or false"),
         ("'a' in s.t", "s.t is a string, expected a list or a map"),
         ("s.x.startsWith('a')", "s.x is a number, expected a string"),
@@ -145,4 +145,4 @@ def test_a_plain_list_may_be_used_as_a_list(source):
 def test_membership_of_another_type_is_reported(source):
     shapes = {"s": of_example({"l": [1, 2], "x": "a"}, "its example")}
     (reported,) = mistakes(source, BOOL, shapes)
-    assert "is a string, and all in" in reported
+    assert "is a string, and everything in" in reported

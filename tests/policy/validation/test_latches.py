@@ -154,7 +154,7 @@ TOGETHER = "nothing else ends them, so once all hold they hold for ever"
 def test_two_contexts_that_suspend_each_others_producer_latch_together():
     assert warned(streams=[MIC, CAM, IMU], tasks=TRIO, contexts=[SEES, HEARS]) == [
         (
-            "contexts sees and hears keep each other: sees suspends speech, which produces mic; "
+            "contexts sees and hears keep each other active: sees suspends speech, which produces mic; "
             f"hears suspends vision, which produces cam; {TOGETHER}"
         )
     ]
@@ -180,7 +180,7 @@ def test_a_stale_stream_breaks_the_circle_and_a_fallback_may_be_part_of_one():
     assert reported == [
         "context sees suspends speech: its stream mic is silent then, which begins the fallback safe, beside sees",
         (
-            "contexts sees and safe keep each other: sees suspends speech, which produces mic; "
+            "contexts sees and safe keep each other active: sees suspends speech, which produces mic; "
             f"safe suspends vision, which produces cam; {TOGETHER}"
         ),
     ]

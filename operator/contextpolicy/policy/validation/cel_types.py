@@ -135,7 +135,9 @@ class _Checker:
         item = self._names(over, self._walked(over))
         if one.kind != item.kind and not {one.kind, item.kind} & {ANY.kind, NULL.kind}:
             meant = self.meant(part) or self.meant(over)
-            self.found.append(f"{self._text(part)} is {one.kind}, and all in {self._text(over)} is {item.kind}{meant}")
+            self.found.append(
+                f"{self._text(part)} is {one.kind}, and everything in {self._text(over)} is {item.kind}{meant}"
+            )
 
     def _select(self, node: Node) -> Shape:
         return self._field(node, self.shape(node.parts[0]), node.text)
@@ -267,7 +269,7 @@ class _Checker:
         free = {ANY.kind, NULL.kind}
         calendar = {shape.kind for shape in _CALENDAR}
         if one.kind != other.kind and not {one.kind, other.kind} & free and not {one.kind, other.kind} <= calendar:
-            verb = "never equal" if node.text in ("==", "!=") else f"{node.text} takes two of a kind"
+            verb = "never equal" if node.text in ("==", "!=") else f"{node.text} takes two values of the same kind"
             meant = "".join(map(self.meant, node.parts))
             self.found.append(f"{self._text(node)} has {one.kind} and {other.kind}: {verb}{meant}")
             return ANY

@@ -112,7 +112,8 @@ class _Latches:
         message = [f"{name} {own.silenced(behind)}" for name, own in alone if own.silence.streams & behind]
         what = "; ".join(message) or f"together each {self._standstill.during(ring).silenced(behind)}"
         names = " and ".join(one.name for one in ring)
-        return f"contexts {names} keep each other: {what}; nothing else ends them, so once all hold they hold for ever"
+        lasts = "nothing else ends them, so once all hold they hold for ever"
+        return f"contexts {names} keep each other active: {what}; {lasts}"
 
     def _waited_for(self, context: Context) -> Iterator[str]:
         """The streams whose samples would end it."""
