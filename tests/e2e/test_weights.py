@@ -210,7 +210,9 @@ def part_of_all(pod):
 
 @pytest.mark.usefixtures("hogs")
 def test_pods_without_a_policy_keep_their_part_of_the_weights(protected):
-    assert part_of_all(group(protected, "guaranteed").parent) >= 0.99 * 200 / NODE, "weights are whole numbers"
+    """The group of a pod that was deleted may still be there for a while, and weights are whole numbers."""
+    pod = group(protected, "guaranteed").parent
+    until("the pod has its part", lambda: (part := part_of_all(pod)) >= 0.99 * 200 / NODE or part)
 
 
 @pytest.mark.xfail(reason="Linux 6.18 gave one busy thread a third of its part (see the threat model)", strict=False)
