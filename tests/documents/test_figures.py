@@ -1,8 +1,7 @@
-"""The README's figures are those of committed measurements."""
+"""The README's figures, and the tables of the page on enforcement, are those of committed measurements."""
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -10,13 +9,13 @@ import pytest
 
 from tests.bench.enforcement.divisions import DEFAULT, LIMITS, ROUND_ROBIN, STATIC, WEIGHTS
 from tests.bench.enforcement.inputs import Queue
-from tests.bench.enforcement.journal import Journal
 from tests.bench.enforcement.matrix import CONFLICTING, LIGHT, Cell
 from tests.bench.enforcement.opponents import best_static
+from tests.bench.enforcement.published import load, percent, tables
 from tests.bench.enforcement.stories import IMPORTANCE
 
 ROOT = Path(__file__).parents[2]
-MEASURED = ROOT / "docs" / "measurements" / "enforcement.jsonl"
+ENFORCEMENT = (ROOT / "docs" / "decisions" / "enforcement.md").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 ROWS = {
     "plain Linux": DEFAULT,
@@ -28,17 +27,20 @@ ROWS = {
 
 @pytest.fixture(scope="module")
 def journal():
-    options = json.loads(MEASURED.read_text(encoding="utf-8").split("\n", 1)[0])
-    return Journal(MEASURED, options, resume=True)
+    return load()
 
 
 @pytest.mark.parametrize("row", ROWS)
 def test_gain(row, journal):
-    light, heavy = (journal.figures(_cell(load, ROWS[row])) for load in (LIGHT, CONFLICTING))
-    cells = [_percent(light.hit("imu")), _percent(light.hit("map")), f"{light.work:.2f} s"] if light else [""] * 3
+    light, heavy = (journal.figures(_cell(at, ROWS[row])) for at in (LIGHT, CONFLICTING))
+    cells = [percent(light.hit("imu")), percent(light.hit("map")), f"{light.work:.2f} s"] if light else [""] * 3
     assert list(heavy.critical()) == ["drive", "talk", "read"]
-    cells += [*map(_percent, heavy.critical().values()), f"{heavy.work:.2f} s"]
+    cells += [*map(percent, heavy.critical().values()), f"{heavy.work:.2f} s"]
     assert f"| {row} | {' | '.join(cells)} |".replace("|  ", "| ") in README
+
+
+def test_tables_on_enforcement(journal):
+    assert [what for what, table in tables(journal).items() if table not in ENFORCEMENT] == []
 
 
 def test_the_static_row_is_the_best_of_those_measured(journal):
@@ -65,9 +67,5 @@ def test_the_readme_is_short():
     assert len(README.split()) <= 900
 
 
-def _cell(load, division):
-    return Cell(IMPORTANCE.name, load, Queue.NEWEST, gated=False, division=division)
-
-
-def _percent(part):
-    return f"{part:.1%}".replace(".0%", "%").replace("%", " %")
+def _cell(at, division):
+    return Cell(IMPORTANCE.name, at, Queue.NEWEST, gated=False, division=division)
