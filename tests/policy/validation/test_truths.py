@@ -55,6 +55,72 @@ def test_impossible_conditions_are_reported(when):
 @pytest.mark.parametrize(
     "when",
     [
+        "!has(imu.x) && imu.x > 9",
+        "!has(imu.l) && size(imu.l) > 9",
+        "!has(imu.v) && imu.v.x > 9",
+        "!has(imu.v) && has(imu.v.x)",
+        "!heard(imu) && imu.x > 9",
+    ],
+)
+def test_conditions_on_what_they_ask_to_be_missing_are_reported(when):
+    assert [one in NEVER for one in reported(a_robot(when))] == [True]
+    story = Story(a_robot(when))
+    story.sample("imu", at=1, y=1.0)
+    story.sample("imu", at=2, x=10.0, l=[0] * 10, v={"x": 10.0})
+    story.wait(1)
+    assert not any(active for _, active in story.contexts_over_time())
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
+        "has(imu.x) || imu.x > 9",
+        "has(imu.x) || imu.x < 5",
+        "!has(imu.x) || imu.x > 9",
+        "!has(imu.x) && imu.y > 9",
+        "!has(imu.v.x) && size(imu.v) == 0",
+        "!has(imu.x) && (has(imu.x) ? imu.x : 10.0) > 9",
+        "!has(imu.x) && has(imu.x) == false",
+        "!(!has(imu.x) && imu.x > 9)",
+        "heard(imu) || imu.x < 5",
+        "!heard(imu) && age(imu) > 9",
+    ],
+)
+def test_conditions_on_what_may_be_missing_are_not_reported(when):
+    assert reported(a_robot(when)) == []
+
+
+LIFTS = a_stream("lift", key="lift/*", sources=2, staleAfter="2s")
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
+        "size(lift.sources) >= 3",
+        "3 <= lift.sources.size()",
+        "lift.sources.filter(l, l.moving).size() > 2",
+        "size(lift.sources.map(l, l.load)) == 3",
+    ],
+)
+def test_no_more_sources_than_are_kept_apart_are_there(when):
+    assert reported(a_robot(when, stream=LIFTS)) == ["never holds, whatever lift sends"]
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
+        "size(lift.sources) >= 2",
+        "lift.sources.filter(l, l.moving).size() < 1",
+        "size(lift.sources.map(l, [1, 2, 3])[0]) > 2",
+    ],
+)
+def test_as_many_sources_as_are_kept_apart_may_be_there(when):
+    assert reported(a_robot(when, stream=LIFTS)) == []
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
         "abs(imu.x) <= 0",
         "size(imu.l) < 1",
         "size(imu.l) > 2 && size(imu.l) < 4",

@@ -12,7 +12,7 @@ from contextpolicy.errors import Finding
 from contextpolicy.policy.activities import Activity
 from contextpolicy.policy.cel_syntax import Node
 from contextpolicy.policy.validation.cases import Cases, holds, of_sample
-from contextpolicy.policy.validation.intervals import windows
+from contextpolicy.policy.validation.intervals import bounded, windows
 from contextpolicy.policy.validation.silence import Silence, fallbacks, streams_behind
 from contextpolicy.policy.validation.unknowns import compiled, constant, context
 
@@ -141,7 +141,9 @@ class Beginnings:
         """What conditions read as a sample has come of a stream: it is in each of its windows."""
         ranges = self._windows.get(stream, {})
         values = Cases(*own.sources, ranges=ranges).values if ranges else {}
-        counted = {one: known for one, known in values.items() if isinstance(one[1], Node) and one[1].path() in ranges}
+        counted = {
+            one: known for one, known in values.items() if isinstance(one[1], Node) and bounded(one[1]) in ranges
+        }
         return {**of_sample(stream), **counted}
 
 

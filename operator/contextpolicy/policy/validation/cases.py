@@ -13,13 +13,14 @@ from itertools import groupby, pairwise, product
 from typing import TYPE_CHECKING, TypeAlias
 
 from contextpolicy.policy.cel_syntax import Construct, Node
-from contextpolicy.policy.validation.intervals import Interval, range_of
+from contextpolicy.policy.validation.intervals import Interval, bounded, range_of
 from contextpolicy.policy.validation.unknowns import (
     COMPARISONS,
     asks_for_field,
     comparison_of,
     compiled,
     is_logic,
+    lacks,
     unknown_of,
     unknowns_in,
     unknowns_of,
@@ -49,8 +50,8 @@ def of_sample(stream: str) -> dict[Unknown, Sequence[Value]]:
 class Cases:
     """All cases of some conditions; `known` says what the values of some unknowns can only be.
 
-    `ranges` has those of numbers by their paths. `given` are conditions without which no sample counts: they hold of
-    whatever they read, unless that has no value.
+    `ranges` has those of numbers by what is bounded. `given` are conditions without which no sample counts: they hold
+    of whatever they read, unless that has no value.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Cases:
         values = _values_in(*sources, *self._given)
         self.values = {one: known.get(one) or _ranged(one, own, ranges or {}) for one, own in values.items()}
         """All that matter of each unknown."""
+        self._needing = {one: needing for one in values if (needing := _needing(one, values))}
 
     @property
     def known(self) -> bool:
@@ -75,8 +77,19 @@ class Cases:
         return (case for case in every(self.values) if self.possible(case))
 
     def possible(self, case: Case) -> bool:
-        """Whether what is given allows it."""
+        """Whether what is given allows it, and nothing has a value that reads what is missing."""
+        if any(not _absent(own, case[own]) for own in self._missing(case)):
+            return False
         return all(holds(one, case) or all(_absent(own, case[own]) for own in unknowns_of(one)) for one in self._given)
+
+    def complete(self, case: Case) -> bool:
+        """Whether all values are there but for those that read what is missing."""
+        missing = set(self._missing(case))
+        return all(value is not None or own in missing for own, value in case.items())
+
+    def _missing(self, case: Case) -> Iterator[Unknown]:
+        """The operands without a value, as the case says of what they read that it is not there."""
+        return (own for asked, needing in self._needing.items() if case[asked] is False for own in needing)
 
 
 def every(values: Mapping[Unknown, Sequence[Value]]) -> Iterator[Case]:
@@ -117,6 +130,26 @@ def implies(first: str, second: str, given: Sequence[str] = ()) -> bool:
     return cases.known and all(holds(second, case) for case in cases if holds(first, case))
 
 
+def _needing(asked: Unknown, unknowns: Iterable[Unknown]) -> Sequence[Unknown]:
+    """Those that have no value where the stream or the field is missing that is asked for."""
+    path = _asked_for(asked)
+    return [one for one in unknowns if one != asked and _reads(one, path)] if path else ()
+
+
+def _asked_for(unknown: Unknown) -> tuple[str, ...] | None:
+    kind, what = unknown
+    if kind == "heard":
+        return (str(what),)
+    return what.parts[0].path() if isinstance(what, Node) and asks_for_field(what) else None
+
+
+def _reads(unknown: Unknown, path: tuple[str, ...]) -> bool:
+    what = unknown[1]
+    if not isinstance(what, Node):
+        return False
+    return any(lacks(part, {path}) for part in (what.parts if asks_for_field(what) else (what,)))
+
+
 def _absent(unknown: Unknown, value: Value) -> bool:
     """Whether an operand may have this value while its stream has none."""
     asks = isinstance(unknown[1], Node) and asks_for_field(unknown[1])
@@ -124,7 +157,7 @@ def _absent(unknown: Unknown, value: Value) -> bool:
 
 
 def _ranged(unknown: Unknown, values: Sequence[Value], ranges: Mapping[tuple[str, ...], Interval]) -> Sequence[Value]:
-    own = ranges.get(unknown[1].path() or ()) if ranges and isinstance(unknown[1], Node) else None
+    own = ranges.get(bounded(unknown[1])) if ranges and isinstance(unknown[1], Node) else None
     return own.within(values) if own else values
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
+from contextpolicy.policy.cel_functions import Macro
 from contextpolicy.policy.cel_syntax import Construct
 from contextpolicy.policy.stream_spec import MAX_SAMPLES, FeatureOp
 
@@ -36,10 +37,12 @@ class Interval(NamedTuple):
             yield from (math.floor(number), math.ceil(number))
 
 
+_SIZE_OF = "size"
+_NO_LONGER = frozenset({Macro.FILTER, Macro.MAP})
 _NOT_NEGATIVE, _SIZE = Interval(), Interval(whole=True)
 _FUNCTIONS = {
     **dict.fromkeys(("abs", "norm", "sqrt", "age"), _NOT_NEGATIVE),
-    **dict.fromkeys(("size", "uint"), _SIZE),
+    **dict.fromkeys((_SIZE_OF, "uint"), _SIZE),
     "getMonth": Interval(0, 11, whole=True),
     "getDate": Interval(1, 31, whole=True),
     "getDayOfMonth": Interval(0, 30, whole=True),
@@ -63,8 +66,20 @@ def range_of(node: Node) -> Interval | None:
     return _FUNCTIONS.get(node.text) or (_OF_A_TIME.get(node.text) if of_a_time else None)
 
 
+def bounded(node: Node) -> tuple[str, ...]:
+    """The path of an operand, or, of the size of a list, that of the list and `size`; filtered, it is no longer."""
+    if node.text != _SIZE_OF or node.kind not in {Construct.CALL, Construct.METHOD}:
+        return node.path() or ()
+    over = node.parts[0]
+    while over.kind is Construct.METHOD and over.text in _NO_LONGER:
+        over = over.parts[0]
+    return (*(over.path() or ()), _SIZE_OF)
+
+
 def windows(stream: Stream, *, least: int = 0) -> Iterator[tuple[tuple[str, ...], Interval]]:
-    """What a stream's windows that count samples can be, by their paths, with at least so many samples."""
+    """What a stream's windows that count samples can be, with at least so many, and the number of its sources."""
+    if stream.sources:
+        yield (stream.name, "sources", _SIZE_OF), Interval(0, stream.sources, whole=True)
     for feature in stream.features:
         if feature.op in {FeatureOp.COUNT, FeatureOp.RATE}:
             counted = Interval(least, _most(stream, feature), whole=True)

@@ -8,11 +8,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, TypeGuard
 
 from contextpolicy.policy import cel_cost
-from contextpolicy.policy.cel_functions import AGE, HEARD, MACROS
 from contextpolicy.policy.cel_syntax import Construct, Node
 from contextpolicy.policy.stream_spec import FeatureOp
 from contextpolicy.policy.validation.cases import Cases, possible_truths
-from contextpolicy.policy.validation.unknowns import asks_for_field, compiled, constant, is_logic
+from contextpolicy.policy.validation.unknowns import asks_for_field, compiled, constant, lacks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from contextpolicy.policy.validation.unknowns import Unknown, Value
 
 _COUNTING = {FeatureOp.COUNT, FeatureOp.RATE}
-_ALWAYS_KNOWN = {AGE.name, HEARD.name}
 
 
 def fallbacks(policy: Policy) -> set[str | None]:
@@ -161,13 +159,7 @@ class Silence:
 
     def lacks(self, node: Node) -> bool:
         """Whether the value of a lost stream is needed for that of the node."""
-        if is_logic(node) or asks_for_field(node) or (node.kind is Construct.CALL and node.text in _ALWAYS_KNOWN):
-            return False
-        if node.kind is Construct.CHOICE:
-            condition, *options = map(self.lacks, node.parts)
-            return condition or (all(options) if self.chosen(node) == node else self.lacks(self.chosen(node)))
-        parts = node.parts[:1] if node.kind is Construct.METHOD and node.text in MACROS else node.parts
-        return (node.kind is Construct.NAME and node.text in self.lost) or any(map(self.lacks, parts))
+        return lacks(node, {(name,) for name in self.lost}, self.chosen)
 
     def chosen(self, node: Node) -> Node:
         """What a choice comes to where its condition is known; any other node as it is."""

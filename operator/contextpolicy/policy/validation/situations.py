@@ -11,7 +11,7 @@ from contextpolicy.policy.validation.silence import Silence, filters, steered
 from contextpolicy.policy.validation.unknowns import compiled, context
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
     from contextpolicy.policy.spec import Context, Policy
     from contextpolicy.policy.validation.cases import Case
@@ -34,7 +34,8 @@ class Situations:
 
     def always(self, source: str) -> bool:
         """Whether it certainly holds as long as all values are there that it reads."""
-        if self._may([source], lambda case: None not in case.values() and not holds(source, case)):
+        cases = self._cases([source])
+        if self._may([source], lambda case: cases.complete(case) and not holds(source, case)):
             return False
         return self._may([source], lambda case: holds(source, case))
 
@@ -75,12 +76,16 @@ class Situations:
         active = f"contexts['{own.name}']"
         return [active] if own.until or own.name in self._steered or not own.when else [active, own.when]
 
-    def _may(self, sources: Iterable[str], wanted: Callable[[Case], bool]) -> bool:
+    def _may(self, sources: Sequence[str], wanted: Callable[[Case], bool]) -> bool:
         """Whether conditions may be as wanted; True if their cases are too many to look at."""
-        read = list(self.read(*sources))
-        conditions = [source for own in read if own.when for source in Conditions(own.when, own.until).sources]
-        cases = Cases(*sources, *conditions, ranges=self._ranges, given=self._given)
+        cases, read = self._cases(sources), list(self.read(*sources))
         return not cases.known or any(wanted(case) and all(self._may_be(own, case) for own in read) for case in cases)
+
+    def _cases(self, sources: Sequence[str]) -> Cases:
+        """Those of conditions and of the contexts that they read."""
+        contexts = self.read(*sources)
+        further = [source for own in contexts if own.when for source in Conditions(own.when, own.until).sources]
+        return Cases(*sources, *further, ranges=self._ranges, given=self._given)
 
     def read(self, *sources: str) -> Iterator[Context]:
         """The contexts that conditions read, themselves or through others."""

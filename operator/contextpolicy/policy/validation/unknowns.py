@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.cel_cost import asked_stream
-from contextpolicy.policy.cel_functions import AGE, HAS, HEARD
+from contextpolicy.policy.cel_functions import AGE, HAS, HEARD, MACROS
 from contextpolicy.policy.cel_syntax import Construct, Node, number
 from contextpolicy.policy.context_reads import read_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
 
 Constant: TypeAlias = int | float | str
 Comparison: TypeAlias = tuple[str, Constant]
@@ -32,6 +33,7 @@ COMPARISONS: Mapping[str, Callable[[Any, Any], bool]] = {
     "!=": operator.ne,
 }
 """What each sign says of two numbers, or of two texts."""
+_ALWAYS_KNOWN = {AGE.name, HEARD.name}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 
 
@@ -131,3 +133,15 @@ def unknown_of(node: Node) -> Unknown:
 def asks_for_field(node: Node) -> bool:
     """Whether it asks for a field: without a value of the stream that is false, and never unknown."""
     return node.kind is Construct.CALL and node.text == HAS.name
+
+
+def lacks(node: Node, lost: AbstractSet[tuple[str, ...]], chosen: Callable[[Node], Node] = lambda node: node) -> bool:
+    """Whether a part of a condition has no value without those of some paths; `chosen` decides choices."""
+    if is_logic(node) or asks_for_field(node) or (node.kind is Construct.CALL and node.text in _ALWAYS_KNOWN):
+        return False
+    if node.kind is Construct.CHOICE:
+        condition, *options = (lacks(part, lost, chosen) for part in node.parts)
+        own = chosen(node)
+        return condition or (all(options) if own == node else lacks(own, lost, chosen))
+    parts = node.parts[:1] if node.kind is Construct.METHOD and node.text in MACROS else node.parts
+    return node.path() in lost or any(lacks(part, lost, chosen) for part in parts)
