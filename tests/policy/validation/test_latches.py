@@ -433,6 +433,7 @@ def test_an_until_without_effect_is_reported(until, expected):
 
 
 NEVER_BEGINS = "holds whenever when does: nothing begins while until holds, so this never does"
+OVERLAPS = "overlaps with when, and nothing begins while until holds: it begins and ends at this one threshold"
 
 
 @pytest.mark.parametrize(
@@ -448,6 +449,13 @@ NEVER_BEGINS = "holds whenever when does: nothing begins while until holds, so t
         ("imu.mode == 'idle'", "imu.mode != 'busy'", NEVER_BEGINS),
         ("imu.x < 20", "true || imu.x > 5", NEVER_BEGINS),
         ("norm(imu.v) > 2", "norm(imu.v) > 1", NEVER_BEGINS),
+        ("imu.x < 20", "imu.x > 15", OVERLAPS),
+        ("imu.x > 25", "30 >= imu.x", OVERLAPS),
+        ("imu.at > '06:00'", "imu.at < '22:00'", OVERLAPS),
+        ("imu.x <= 20", "imu.x >= 20", None),
+        ("imu.x < 20", "imu.y > 15", None),
+        ("imu.x < 20", "imu.x > 'a'", None),
+        ("imu.x < 20", "imu.x > 15 && imu.y", None),
         ("imu.x < 20", "imu.x > 25", None),
         ("imu.x < 20", "imu.x < 19", None),
         ("imu.x < 20", "imu.x <= 20 && imu.y", None),

@@ -9,12 +9,14 @@ from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.validation.cases import Cases, holds, implies, never_hold
 from contextpolicy.policy.validation.silence import filters, lasting
+from contextpolicy.policy.validation.unknowns import COMPARISONS, comparison_of
 from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from collections.abc import Set as AbstractSet
 
+    from contextpolicy.policy.cel_syntax import Node
     from contextpolicy.policy.spec import Policy
     from contextpolicy.policy.validation.cases import Case
     from contextpolicy.policy.validation.unknowns import Unknown
@@ -47,10 +49,22 @@ def _until(field: str, when: str | None, until: str | None, samples: _Samples) -
         yield Finding(field, until, "reads nothing, so it never changes: true lets nothing begin, false ends nothing")
     elif not never_hold(begins, given=samples.given) and implies(begins, until, samples.given):
         yield Finding(field, until, "holds whenever when does: nothing begins while until holds, so this never does")
+    elif _overlap(own.tree, Expression(begins).tree):
+        message = "overlaps with when, and nothing begins while until holds: it begins and ends at this one threshold"
+        yield Finding(field, until, message)
     elif samples.rule_out(begins, until):
         names = " and ".join(sorted(samples.lasting & own.variables))
         message = f"never holds once when did: without staleAfter and liveliness {names} stays heard for ever"
         yield Finding(field, until, message)
+
+
+def _overlap(until: Node, when: Node) -> bool:
+    """Whether they hold one operand against two constants, from both sides, with values between that meet both."""
+    ends, begins = comparison_of(until), comparison_of(when)
+    if ends is None or begins is None or ends[0] != begins[0] or {ends[1][0], begins[1][0]} != {"<", ">"}:
+        return False
+    own, other = ends[2], begins[2]
+    return isinstance(own, str) is isinstance(other, str) and COMPARISONS[begins[1][0]](own, other)
 
 
 class _Samples(NamedTuple):
