@@ -5,7 +5,7 @@ from unittest.mock import MagicMock
 import pytest
 
 from contextpolicy.policy import key_chunks
-from contextpolicy.policy.key_chunks import matched
+from contextpolicy.policy.key_chunks import matched, may_match
 
 
 @pytest.mark.parametrize(
@@ -39,6 +39,24 @@ from contextpolicy.policy.key_chunks import matched
 )
 def test_chunks_matched_by_wildcards(expression, key, expected):
     assert matched(expression, key) == expected
+
+
+@pytest.mark.parametrize(
+    ("expression", "text", "may"),
+    [
+        ("lift/*", "left", True),
+        ("lift/*", "lift/left", False),
+        ("*/lift/*", "r1/left", True),
+        ("*/lift/*", "left", False),
+        ("arm$*/joint", "arm7", True),
+        ("arm$*/joint", "7", False),
+        ("lift/*", "@left", False),
+        ("lift/**", "a/b", True),
+        ("lift/left", "left", False),
+    ],
+)
+def test_texts_that_wildcards_may_match(expression, text, may):
+    assert may_match(expression, text) is may
 
 
 @pytest.mark.parametrize(

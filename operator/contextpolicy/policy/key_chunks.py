@@ -20,6 +20,17 @@ def matched(expression: str, key: str) -> str:
     return key if found is None else "/".join(found)
 
 
+def may_match(expression: str, text: str) -> bool:
+    """Whether the wildcards of `expression` match this text in some key; True where `**` does."""
+    chunks, parts = expression.split("/"), text.split("/")
+    if MANY in chunks:
+        return True
+    if sum(map(_is_wild, chunks)) != len(parts):
+        return False
+    filled = iter(parts)
+    return matched(expression, "/".join(next(filled) if _is_wild(chunk) else chunk for chunk in chunks)) == text
+
+
 def _match(expression: list[str], key: list[str]) -> list[str] | None:
     """Each `**` stands for the fewest chunks, so that a later wildcard gets what is left.
 
