@@ -42,7 +42,11 @@ class Activity:
     @property
     def counts(self) -> bool:
         """Whether it may ever score more than 0."""
-        return self.score > 0 or self.score_from is not None or self.initiative is not None
+        return self.exceeds(0)
+
+    def exceeds(self, score: float) -> bool:
+        """Whether it may ever score more than this."""
+        return self.score > score or self.score_from is not None or self.initiative is not None
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,6 +55,22 @@ def test_an_activity_that_may_end_is_not_reported(stream, activity):
     assert scores(policy)[-1] == 0
 
 
+@pytest.mark.parametrize(("idle", "score"), [(1, {}), (1, {"score": 0.5}), (2, {"score": 2.0})])
+def test_an_activity_that_scores_no_more_than_idle_is_reported(idle, score):
+    activity = {"stream": "imu", "hold": "1s", **score}
+    policy = a_policy(streams=[IMU], tasks=[a_task("slam", idle=idle, activity=[activity]), a_task("rest")])
+    never = f"never counts: by its idle slam scores {idle} anyway"
+    assert reported(policy) == [("spec.tasks[0].activity[0].score", never)]
+    assert set(scores(policy)) == {idle}
+
+
+@pytest.mark.parametrize("score", [{"score": 1.5}, {"scoreFrom": "imu.x"}])
+def test_an_activity_that_may_score_more_than_idle_is_not_reported(score):
+    activity = {"stream": "imu", "hold": "1s", **score}
+    policy = a_policy(streams=[IMU], tasks=[a_task("slam", idle=1, activity=[activity]), a_task("rest")])
+    assert reported(policy) == []
+
+
 def test_a_token_of_liveliness_may_end_it():
     assert reported(a_robot({**IMU, "liveliness": "robot/imu"}, {"stream": "imu"})) == []
 

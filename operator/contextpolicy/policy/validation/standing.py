@@ -23,6 +23,9 @@ def standing(policy: Policy) -> Iterator[Finding]:
             field, read = f"spec.tasks[{index}].activity[{number}]", compiled(own.when)
             if not own.counts:
                 yield Finding(f"{field}.score", 0, "an activity with score 0 never counts")
+            elif task.priority and task.idle and not own.exceeds(task.idle):
+                message = f"never counts: by its idle {task.name} scores {task.idle:g} anyway"
+                yield Finding(f"{field}.score", own.score, message)
             elif not (read.variables or read.contexts or own.until or own.score_from or own.initiative):
                 yield from _constant(field, own, lasting)
 
