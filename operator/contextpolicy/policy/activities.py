@@ -48,6 +48,11 @@ class Activity:
         """Whether it may ever score more than this."""
         return self.score > score or self.score_from is not None or self.initiative is not None
 
+    @property
+    def outlasts(self) -> bool:
+        """Whether it may count while its `when` does not hold."""
+        return bool(self.hold or self.decay or self.until or self.initiative)
+
 
 @dataclass(frozen=True, slots=True)
 class Requirement:

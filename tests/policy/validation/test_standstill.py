@@ -154,3 +154,41 @@ def test_a_max_below_what_a_task_must_have_suspends_it(speech, later, suspends):
     message = "context hot suspends speech, which produces mic: nothing else ends it, so once begun it holds for ever"
     assert found == [message] * suspends
     assert run_story(policy).last.tasks["speech"].suspended is suspends
+
+
+NEEDED = "needs context quiet, during which speech can't run"
+
+
+def in_need(**speech):
+    tasks = [a_task("speech", **speech), a_task("slam"), a_task("rest")]
+    return a_policy(streams=[a_stream("imu"), MIC], tasks=tasks, contexts=[TURNED])
+
+
+@pytest.mark.parametrize(
+    "speech",
+    [
+        {"requires": [{"when": "contexts.quiet"}]},
+        {"requires": [{"when": "contexts.quiet && imu.x > 1"}]},
+        {"activity": [{"when": "contexts.quiet"}]},
+    ],
+)
+def test_a_task_that_waits_for_the_context_that_suspends_it_is_reported(speech):
+    policy = in_need(**speech)
+    assert NEEDED in reported(policy)
+    assert {plan.tasks["speech"].weight for plan in run_story(policy).plans} == {0}
+
+
+@pytest.mark.parametrize(
+    "speech",
+    [
+        {"requires": [{"when": "contexts.quiet", "hold": "2s"}]},
+        {"requires": [{"when": "!contexts.quiet"}]},
+        {"requires": [{"when": "contexts.quiet || mic.level > 1"}]},
+        {"activity": [{"when": "contexts.quiet", "hold": "2s"}]},
+        {"activity": [{"when": "contexts.quiet", "decay": "2s"}]},
+        {"activity": [{"when": "contexts.quiet", "until": "mic.level > 1"}]},
+        {"requires": [{"when": "contexts.quiet"}], "protected": True},
+    ],
+)
+def test_a_task_that_may_run_before_or_after_that_context_is_not_reported(speech):
+    assert NEEDED not in reported(in_need(**speech))

@@ -1,4 +1,4 @@
-"""Warnings about conditions on streams of tasks that are suspended while the conditions matter."""
+"""Warnings about conditions that need what a context suspends as it holds: a stream's task, or their own."""
 
 from __future__ import annotations
 
@@ -23,12 +23,17 @@ if TYPE_CHECKING:
 
 
 def frozen(policy: Policy) -> Iterator[Finding]:
-    """Each pre-condition that a last value meets for ever, and each condition that needs what it silences."""
+    """Each pre-condition that a last value meets for ever, and each condition that needs what it stops."""
     own = _Frozen(policy)
     for index, task in enumerate(policy.tasks):
         for number, requirement in enumerate(task.requires):
             if requirement.task is None and not requirement.hold:
-                yield from own.kept(f"spec.tasks[{index}].requires[{number}].when", task, requirement)
+                field = f"spec.tasks[{index}].requires[{number}].when"
+                yield from own.kept(field, task, requirement)
+                yield from own.stopped(field, task, requirement.when)
+        for number, activity in enumerate(task.activity):
+            if not activity.outlasts:
+                yield from own.stopped(f"spec.tasks[{index}].activity[{number}].when", task, activity.when)
     for written in expressions(policy):
         if not written.is_number and not written.field.endswith(".until"):
             yield from own.lost(written.field, written.source)
@@ -73,7 +78,7 @@ class _Frozen:
     def lost(self, field: str, source: str) -> Iterator[Finding]:
         """The streams without which a condition does not hold, silenced by contexts that it needs."""
         read = compiled(source)
-        needed = [name for name in sorted(read.contexts) if self._situations.never(source, f"!contexts['{name}']")]
+        needed = self._needed(source)
         if not read.variables or not needed:
             return
         still = self._standstill.during([self._contexts[name] for name in needed])
@@ -82,3 +87,15 @@ class _Frozen:
         if silent and not conditions.may(conditions.begin, still.silence.known(source)):
             message = f"needs {' and '.join(needed)}, which {still.silenced(silent)}: holds at most until that is stale"
             yield Finding(field, source, message)
+
+    def stopped(self, field: str, task: Task, source: str) -> Iterator[Finding]:
+        """The contexts that a condition of a task needs, although the task can't run while they hold."""
+        for name in self._needed(source):
+            if self._standstill.prevents(self._contexts[name], task.name):
+                yield Finding(field, source, f"needs context {name}, during which {task.name} can't run")
+                return
+
+    def _needed(self, source: str) -> list[str]:
+        """The contexts without which a condition does not hold."""
+        names = sorted(compiled(source).contexts)
+        return [name for name in names if self._situations.never(source, f"!contexts['{name}']")]

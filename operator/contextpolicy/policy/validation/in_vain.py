@@ -49,8 +49,7 @@ class InVain:
         return all(self._excludes(context, own) for own in task.activity)
 
     def _excludes(self, context: Context, activity: Activity) -> bool:
-        outlasts = activity.hold or activity.decay or activity.until or activity.initiative
-        return not outlasts and self._situations.never(f"contexts['{context.name}']", activity.when)
+        return not activity.outlasts and self._situations.never(f"contexts['{context.name}']", activity.when)
 
     def _before(self, context: Context) -> list[Context]:
         return list(self._policy.contexts[: self._policy.contexts.index(context)])

@@ -94,6 +94,10 @@ class Standstill:
                 return still
             lost -= heard
 
+    def prevents(self, context: Context, task: str) -> bool:
+        """Whether a task can't run while a context holds, for what that suspends."""
+        return task in self._stopped_with(self._suspended_by(context))
+
     def causes(self, context: Context, task: str) -> list[str]:
         """The others that a context suspends without which a task can't run then; none if it can."""
         suspended = self._suspended_by(context)
