@@ -153,15 +153,15 @@ class Weights:
 
     def _conversions(self, by_pod: Mapping[Path, list[Path]], owners: Mapping[Path, str]) -> dict[Path, bool]:
         """Whether the runtime has converted the requests in each pod linearly."""
-        told: dict[Path, bool] = {}
+        linear_by_pod: dict[Path, bool] = {}
         for pod, groups in by_pod.items():
             for group in groups if self._version == 2 else ():
                 file, request = self._files[group], self._requests[owners[group]].get(group, 0)
                 entry = self._ledger.entries.get(file.path)
                 linear = units.is_linear(int(entry.theirs if entry else file.seen), request)
                 if linear is not None:
-                    told[pod] = linear
-        return {pod: told.get(pod, any(told.values())) for pod in by_pod}
+                    linear_by_pod[pod] = linear
+        return {pod: linear_by_pod.get(pod, any(linear_by_pod.values())) for pod in by_pod}
 
     def _class_wish(self, group: Path, members: _Members) -> _Wish | None:
         """The sum of the pods that are there; None when none of ours is any more.

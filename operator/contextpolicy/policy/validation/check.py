@@ -233,8 +233,8 @@ def _yes_and_no_keys(source: Source) -> Iterator[Problem]:
             field = path.removeprefix(source.prefix)
             read = field.rpartition(".")[2]
             keys, them = ("keys", "them") if " and " in word else ("key", "it")
-            told = f"YAML reads the {keys} {word} as {read}: put {them} in quotes"
-            yield _warning(source, Finding(field, word, told))
+            message = f"YAML reads the {keys} {word} as {read}: put {them} in quotes"
+            yield _warning(source, Finding(field, word, message))
 
 
 def _warning(source: Source, finding: Finding) -> Problem:

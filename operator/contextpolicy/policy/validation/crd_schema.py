@@ -49,11 +49,11 @@ def schema() -> dict[str, Any]:
 
 def findings(stored: Mapping[str, Any]) -> Iterator[Finding]:
     """The first thing that is wrong with each field of an object from `as_stored`."""
-    told = set()
+    reported = set()
     for error in _validator().iter_errors(stored):
         field = _path(error.absolute_path)
-        if field not in told:
-            told.add(field)
+        if field not in reported:
+            reported.add(field)
             yield Finding(field, error.instance, allowed(error, field))
 
 

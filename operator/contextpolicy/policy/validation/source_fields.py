@@ -32,18 +32,18 @@ def source_fields(policy: Policy) -> Iterator[Finding]:
     for index, one in enumerate(policy.streams):
         for name in sorted(GIVEN.intersection(one.example if isinstance(one.example, dict) else ())):
             if one.sources:
-                told = f"its samples' own field {name} can't be read: sources gives them another one of this name"
-                yield Finding(f"spec.streams[{index}].sources", one.sources, told)
+                message = f"its samples' own field {name} can't be read: sources gives them another one of this name"
+                yield Finding(f"spec.streams[{index}].sources", one.sources, message)
     apart = {stream.name for stream in policy.streams if stream.sources or "*" not in stream.key}
     known = {stream.name for stream in policy.streams if stream.example is not None or stream.encoding is Encoding.CDR}
     for written in expressions(policy):
         for stream, *fields in sorted(Expression(written.source).reads):
             if fields and fields[0] in GIVEN and stream not in apart | known:
-                told = (
+                message = (
                     f"{stream}.{fields[0]} is a field of its samples, since stream {stream} has no sources, "
                     "which would keep them apart"
                 )
-                yield Finding(written.field, written.source, told)
+                yield Finding(written.field, written.source, message)
     kept = {stream.name: stream for stream in policy.streams if stream.sources}
     for written in expressions(policy):
         for wrong in dict.fromkeys(_impossible(compiled(written.source).tree, kept)):
