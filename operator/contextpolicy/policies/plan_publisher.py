@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.bus.decision_bus import Bus
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
     from contextpolicy.policies.services import Services
 
-_ACTED_ON = ("node", "containerId", "weight", "quota", "held", "original", "podLimit")
+_ACTED_ON = itemgetter("node", "containerId", "weight", "quota", "held", "original", "podLimit")
 
 
 class PlanPublisher:
@@ -74,7 +75,7 @@ class PlanPublisher:
     def publish_again(self, trigger: float | None = None) -> None:
         """Publish the plan in force with all that changed since; `trigger` is when (planning time), by default now."""
         self._edition += 1
-        self._publish(self._now() if trigger is None else self._wall(trigger))
+        self._publish(self._services.clock.now() if trigger is None else self._wall(trigger))
 
     def publish_moves(self) -> None:
         """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups.
@@ -131,10 +132,7 @@ class PlanPublisher:
             self._services.agents.expect(self._policy.reference, stamp, content["nodes"], standstill)
 
     def _on_our_clock(self, monotonic: float) -> float:
-        return self._now() - (time.monotonic() - monotonic)
-
-    def _now(self) -> float:
-        return self._services.clock.now()
+        return self._services.clock.now() - (time.monotonic() - monotonic)
 
     def _wall(self, planning_time: float) -> float:
         return planning_time - self._services.clock.ahead
@@ -142,4 +140,4 @@ class PlanPublisher:
 
 def _instructions(content: Mapping[str, Any]) -> list[tuple[Any, ...]]:
     """What agents write, and where; `limit` and `request` follow each resize, and are only what the kubelet has."""
-    return [tuple(target[field] for field in _ACTED_ON) for target in content["targets"]]
+    return [_ACTED_ON(target) for target in content["targets"]]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from bisect import bisect
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -32,7 +33,7 @@ MAX_BITS = 14_284
 """Of an integer: 4300 digits, which is as far as JSON goes here (`sys.int_info`)."""
 
 _PLAIN = frozenset({type(None), bool, int, float, str, bytes})
-_UNITS = ((1e11, 1), (1e14, 10**3), (1e17, 10**6))
+_MAGNITUDES, _SCALES = (1e11, 1e14, 1e17), (1, 10**3, 10**6, 10**9)
 """Below each magnitude a number is Unix time in s, ms, us, and ns above: 10^11 s is the year 5138, 10^11 ms is 1973."""
 
 
@@ -77,7 +78,7 @@ def seconds(stamp: object) -> float:
     else:
         number = _number(stamp)
         if number is not None:
-            return number / next((scale for below, scale in _UNITS if abs(number) < below), 10**9)
+            return number / _SCALES[bisect(_MAGNITUDES, abs(number))]
     raise DecodeError(f"has the timestamp {_short(stamp)}, allowed: a number, or a map of sec and nanosec")
 
 

@@ -42,17 +42,14 @@ class WallClock:
 
         The same to the last digit until the clock is set: a status that differs from the last one is written.
         """
-        now = self._time() - self._read()
+        now = self._scheduler.to_seconds(self._scheduler.now) - self._read()
         if abs(now - self._ahead) > STEP:
             self._ahead = now
         return self._ahead
 
     def now(self) -> float:
         """Unix seconds."""
-        return self._time() - self.ahead
-
-    def _time(self) -> float:
-        return self._scheduler.to_seconds(self._scheduler.now)
+        return self._scheduler.to_seconds(self._scheduler.now) - self.ahead
 
 
 def ahead(scheduler: SchedulerBase) -> float:

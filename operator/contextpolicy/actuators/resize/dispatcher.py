@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from contextpolicy.actuators.resize.pod_patch import Answer, Found, Patch, ask, send
@@ -70,15 +71,14 @@ class Dispatcher:
 
     def send(self, pod: TrackedPod, patch: Patch) -> None:
         """Send a patch of an idle pod."""
-        view = pod.view
         pod.state.send(patch)
-        self._run(pod, lambda: send(self._api, view, patch), lambda answer: self._on_answer(pod, patch, answer))
+        self._run(pod, partial(send, self._api, pod.view, patch), lambda answer: self._on_answer(pod, patch, answer))
 
     def ask(self, pod: TrackedPod, cause: ActuationError | None = None) -> None:
         """Read the pod to learn what became of its patch; `cause` is the error that answered it, if any."""
-        view, patch = pod.view, pod.state.patch
+        patch = pod.state.patch
         if patch is not None:
-            self._run(pod, lambda: ask(self._api, view), lambda found: self._on_found(pod, patch, found, cause))
+            self._run(pod, partial(ask, self._api, pod.view), lambda found: self._on_found(pod, patch, found, cause))
 
     def recovered(self, policy: str, pod: TrackedPod) -> None:
         """Report that the policy has no problem with the pod any more."""

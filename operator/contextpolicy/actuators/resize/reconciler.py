@@ -143,8 +143,10 @@ class Reconciler:
         """Have the containers of agents that went written once more; an agent that came writes itself."""
         handed_over, self._handed_over = self._handed_over, frozenset()
         inherited = self._originals.inherited(self._policy)
+        if not (handed_over or inherited):
+            return
         settled: set[str] = set()
-        for identity in self.order.shares if handed_over or inherited else ():
+        for identity in self.order.shares:
             node = self.order.nodes.get(identity, "")
             pod, container = self._pods.find(identity)
             if pod is None or container is None or not (node in handed_over or pod.uid in inherited):

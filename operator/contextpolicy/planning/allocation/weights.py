@@ -46,6 +46,7 @@ class Weigher:
     def __init__(self, policy: Policy) -> None:
         self._policy, self._tree = policy, TaskTree(policy)
         self._order = self._tree.order()
+        self._required = {task.name: task.required_tasks for task in policy.tasks}
         groups = [task for task in policy.tasks if task.subtasks]
         self._groups = sorted(groups, key=lambda task: len(self._tree.ancestors(task.name)))
         self._contexts: Sequence[Context] = ()
@@ -114,7 +115,7 @@ class Weigher:
         }
 
     def _missing_task(self, task: Task, blocked: Mapping[str, str]) -> str | None:
-        for required in task.required_tasks:
+        for required in self._required[task.name]:
             above = () if self._tree.tasks[required].protected else self._tree.outside(task.name, required)
             for one in (required, *above):
                 if one in blocked:

@@ -144,7 +144,7 @@ class ContextState:
         was = self.active
         self._turning = False
         self.holds = not self.holds
-        if was and self.active and self._turned_at == now and self._by_sample:
+        if was and self._by_sample and self._turned_at == now and self.active:
             # As silence made it active at this very instant, so did a sample.
             self.by_sample = True
             self._scope.turned_by_sample.add(self.spec.name)
