@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from contextpolicy.agent.agent import Agent
 from contextpolicy.agent.agent_settings import AgentSettings
 from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver
-from contextpolicy.agent.control_files import CFS, REALTIME, Unwatched
+from contextpolicy.agent.control_files import CFS, REALTIME
+from contextpolicy.agent.open_files import Unwatched
 from contextpolicy.agent.threads import THREAD_FILES
 from contextpolicy.agent.weight_units import FILES
 from contextpolicy.policy.environment import DEFAULT_CONNECT

@@ -8,9 +8,10 @@ import pytest
 
 from contextpolicy.agent import threads
 from contextpolicy.agent.cgroup_paths import Driver
-from contextpolicy.agent.control_files import REALTIME, ControlFile, ControlFiles, Unwatched
+from contextpolicy.agent.control_files import REALTIME, ControlFile, ControlFiles
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.node_orders import Manner
+from contextpolicy.agent.open_files import Unwatched
 from contextpolicy.agent.realtime import Realtime
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.spec import RealtimePolicy

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from reactivex.abc import SchedulerBase
 
     from contextpolicy.agent.agent_settings import AgentSettings
-    from contextpolicy.agent.control_files import FileWatch
     from contextpolicy.agent.failures import Failures
     from contextpolicy.agent.inotify import WriteListener
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
+    from contextpolicy.agent.open_files import FileWatch
 
 log = logging.getLogger(__name__)
 

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.agent import weight_units
 from contextpolicy.agent.cgroup_paths import pod_of
-from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles, Unwatched
+from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
 from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.agent.limits import Limits
+from contextpolicy.agent.open_files import Unwatched
 from contextpolicy.agent.realtime import Realtime
 from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.policy.spec import Scheduler
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from contextpolicy.agent.cgroup_paths import CgroupPaths
-    from contextpolicy.agent.control_files import FileWatch
     from contextpolicy.agent.failures import Failures
     from contextpolicy.agent.ledger import Ledger
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
+    from contextpolicy.agent.open_files import FileWatch
 
 _MOST_GROUPS = 1000
 """Containers whose cgroups are remembered; a node has a tenth of that, and it may run for years."""

@@ -1,39 +1,19 @@
-"""Open cgroup files, and those that hold a bandwidth (CPU time per period) for both schedulers and cgroup versions.
-
-Files stay open: a write is one system call of 2 us, and the watch for files that are closed after writing (`inotify`)
-never sees our own writes.
-"""
+"""The files that hold a bandwidth (CPU time per period), for both schedulers and cgroup versions."""
 
 from __future__ import annotations
 
-import errno
 import os
-import time
 from contextlib import suppress
 from dataclasses import dataclass
-from math import inf
-from pathlib import Path
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING
 
-from contextpolicy.agent.agent_metrics import WRITES
-from contextpolicy.agent.failures import GONE, NOT_ENABLED
-from contextpolicy.errors import ActuationError
+from contextpolicy.agent.open_files import OpenFile, OpenFiles, failure_of, line
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable
+    from collections.abc import Iterable
+    from pathlib import Path
 
-_WRITTEN = WRITES.labels("written")
-_LEAST_LINKS = 2
-"""Of a directory, where children are counted at all: its own name and its `.`."""
-_REASONS = {
-    errno.ENOENT: GONE,
-    errno.ENODEV: GONE,
-    errno.EBUSY: "Busy",
-    errno.EINVAL: "OutOfBounds",
-    errno.EACCES: "Forbidden",
-    errno.EPERM: "Forbidden",
-    errno.EROFS: "Forbidden",
-}
+    from contextpolicy.agent.open_files import FileWatch
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,70 +44,6 @@ REALTIME = {
 """Realtime budgets. Kernels with hierarchical constant bandwidth servers have the file of version 2."""
 
 
-class OpenFile:
-    """One file of a cgroup, open for reading and writing."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.seen = ""
-        """The text that `read` found last."""
-        self.written = -inf
-        """When we last wrote it, in seconds on the monotonic clock."""
-        self.ours = ""
-        """The text that we last wrote."""
-        self._known = ""
-        try:
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        except OSError as error:
-            raise _failure(path, error) from error
-
-    def read(self) -> str:
-        """The file's text."""
-        try:
-            self.seen = self._text()
-        except OSError as error:
-            raise _failure(self.path, error) from error
-        self._known = self._known or self.seen
-        return self.seen
-
-    @property
-    def unheard(self) -> bool:
-        """Whether the last `read` found a foreign write that the watch has not reported (`heed`) yet."""
-        return self.seen != self._known
-
-    def heed(self) -> str:
-        """Another process has written the file: its text."""
-        self._known = ""
-        return self.read()
-
-    def write(self, text: str) -> None:
-        """Write `text`; ActuationError says why the kernel refuses it."""
-        try:
-            os.pwrite(self._descriptor, f"{self._content(text)}\n".encode(), 0)
-        except OSError as error:
-            failure = _failure(self.path, error)
-            WRITES.labels(failure.reason).inc()
-            raise failure from error
-        self._known, self.ours, self.written = text, text, time.monotonic()
-        _WRITTEN.inc()
-
-    def close(self) -> None:
-        """Close the file."""
-        os.close(self._descriptor)
-
-    @property
-    def watched(self) -> list[Path]:
-        """The files whose change by others is news."""
-        return [self.path]
-
-    def _text(self) -> str:
-        return _line(self._descriptor)
-
-    def _content(self, text: str) -> str:
-        """What has to be in the file for `read` to find the text."""
-        return text
-
-
 class ControlFile(OpenFile):
     """The file of a bandwidth. Amounts are thousandths of the period, None is no limit."""
 
@@ -142,7 +58,7 @@ class ControlFile(OpenFile):
                 self._period_descriptor = os.open(group / form.period_file, os.O_RDONLY | os.O_CLOEXEC)
         except OSError as error:
             self.close()
-            raise _failure(self.path, error) from error
+            raise failure_of(self.path, error) from error
         self.period = int(text.partition("\n")[0].split()[-1])
 
     def close(self) -> None:
@@ -162,7 +78,7 @@ class ControlFile(OpenFile):
         if path == self.path or self._period_descriptor is None:
             return True
         with suppress(OSError):
-            return _line(self._period_descriptor) != str(self.period)
+            return line(self._period_descriptor) != str(self.period)
         return True
 
     def amount(self, text: str) -> int | None:
@@ -193,80 +109,19 @@ class ControlFile(OpenFile):
                 with self.period_path.open("r+b") as file:  # not truncated, so nobody reads an empty file
                     os.pwrite(file.fileno(), f"{period}\n".encode(), 0)
             except OSError as error:
-                raise _failure(self.period_path, error) from error
+                raise failure_of(self.period_path, error) from error
         self.period = period
 
     def _text(self) -> str:
         text = super()._text()
         if self._period_descriptor is not None:
-            text = f"{text} {_line(self._period_descriptor)}"
+            text = f"{text} {line(self._period_descriptor)}"
         if self._form.moves:
             self.period = int(text.rpartition(" ")[2])
         return text
 
     def _content(self, text: str) -> str:
         return text if self._period_descriptor is None else text.partition(" ")[0]
-
-
-File = TypeVar("File", bound=OpenFile)
-
-
-class FileWatch(Protocol):
-    """What follows the writes of others to open files, as `inotify.WriteWatch` does."""
-
-    def add(self, path: Path) -> None:
-        """The file is open; OSError when it does not exist."""
-
-    def remove(self, path: Path) -> None:
-        """The file is to be closed."""
-
-
-class Unwatched:
-    """Used where foreign writes need not be reported."""
-
-    def add(self, path: Path) -> None:
-        """Nothing to do."""
-
-    def remove(self, path: Path) -> None:
-        """Nothing to do."""
-
-
-class OpenFiles(Generic[File]):
-    """One open file of each group, under a watch."""
-
-    def __init__(self, open_file: Callable[[Path], File], watch: FileWatch) -> None:
-        self._open_file, self._watch = open_file, watch
-        self._open: dict[Path, File] = {}
-
-    def __getitem__(self, group: Path) -> File:
-        """The group's file, opened if it is not yet; ActuationError, `Gone` when the group does not exist."""
-        file = self._open.get(group)
-        if file is None:
-            file = self._open[group] = self._open_file(group)
-            try:
-                for path in file.watched:
-                    self._watch.add(path)
-            except OSError as error:
-                self.close(group)
-                raise _failure(file.path, error) from error
-        return file
-
-    def __contains__(self, group: Path) -> bool:
-        """Whether the group's file is open."""
-        return group in self._open
-
-    def keep(self, groups: Iterable[Path]) -> None:
-        """Close the files of all other groups."""
-        for group in self._open.keys() - set(groups):
-            self.close(group)
-
-    def close(self, group: Path) -> None:
-        """Close the group's file, if it is open."""
-        file = self._open.pop(group, None)
-        if file is not None:
-            for path in file.watched:
-                self._watch.remove(path)
-            file.close()
 
 
 class ControlFiles(OpenFiles[ControlFile]):
@@ -279,54 +134,3 @@ class ControlFiles(OpenFiles[ControlFile]):
     def paths(self, groups: Iterable[Path]) -> set[Path]:
         """The files of groups; those of open ones, whose hash is known, at a tenth of the cost."""
         return {self[group].path if group in self else group / self.form.file for group in groups}
-
-
-class Children:
-    """The child groups of groups, listed again only when their number has changed: the kernel counts them as links."""
-
-    def __init__(self) -> None:
-        self._known: dict[Path, tuple[int, list[Path]]] = {}
-
-    def of(self, group: Path) -> list[Path]:
-        """The child groups; none when the group is gone."""
-        try:
-            links = group.stat().st_nlink
-        except OSError:
-            links = 0
-        known = self._known.get(group)
-        if known is None or known[0] != links or links < _LEAST_LINKS:
-            known = self._known[group] = links, children(group)
-        return known[1]
-
-    def forget(self, group: Path) -> None:
-        """One child has ended, so that another may have come without a change of their number."""
-        self._known.pop(group, None)
-
-    def all(self) -> list[Path]:
-        """The child groups of all groups, as they were last found."""
-        return [child for _, found in self._known.values() for child in found]
-
-    def keep(self, groups: Container[Path]) -> None:
-        """Forget all other groups."""
-        for group in [group for group in self._known if group not in groups]:
-            del self._known[group]
-
-
-def children(group: Path) -> list[Path]:
-    """The child groups; none when the group is gone."""
-    try:
-        return [Path(entry.path) for entry in os.scandir(group) if entry.is_dir(follow_symlinks=False)]
-    except OSError:
-        return []
-
-
-def _line(descriptor: int) -> str:
-    return os.pread(descriptor, 64, 0).decode().partition("\n")[0]
-
-
-def _failure(path: Path, error: OSError) -> ActuationError:
-    reason = _REASONS.get(error.errno or 0, "Failed")
-    if error.errno == errno.ENOENT and path.parent.is_dir():
-        wanted = "CPU controller that is enabled there (cgroup.subtree_control of the groups above)"
-        return ActuationError(NOT_ENABLED, f"{path}: no such file: expected a {wanted}", retriable=False)
-    return ActuationError(reason, f"{path}: {error.strerror}", retriable=reason == "Busy")

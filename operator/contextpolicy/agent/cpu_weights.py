@@ -21,16 +21,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.agent import weight_units as units
 from contextpolicy.agent.cgroup_paths import pod_of
-from contextpolicy.agent.control_files import Children, OpenFile, OpenFiles, Unwatched
+from contextpolicy.agent.child_groups import Children
 from contextpolicy.agent.failures import GONE, Failures, attempt
+from contextpolicy.agent.open_files import OpenFile, OpenFiles, Unwatched
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
     from pathlib import Path
 
-    from contextpolicy.agent.control_files import FileWatch
     from contextpolicy.agent.ledger import Ledger
+    from contextpolicy.agent.open_files import FileWatch
 
 log = logging.getLogger(__name__)
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeAlias
 
 from contextpolicy.agent.cgroup_paths import is_pod
-from contextpolicy.agent.control_files import Children, ControlFiles, Unwatched
+from contextpolicy.agent.child_groups import Children
+from contextpolicy.agent.control_files import ControlFiles
 from contextpolicy.agent.failures import GONE
+from contextpolicy.agent.open_files import Unwatched
 from contextpolicy.agent.steps import PodLimits
 from contextpolicy.errors import ActuationError
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from reactivex.scheduler import VirtualTimeScheduler
 
 from contextpolicy.agent.agent import Agent
-from contextpolicy.agent.control_files import Unwatched
+from contextpolicy.agent.open_files import Unwatched
 
 if TYPE_CHECKING:
     from contextpolicy.agent.agent_settings import AgentSettings

@@ -16,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from contextpolicy.agent import threads
-from contextpolicy.agent.control_files import children
+from contextpolicy.agent.child_groups import children
 from contextpolicy.agent.failures import GONE, Failures, attempt
 from contextpolicy.agent.node_orders import Manner
 from contextpolicy.agent.steps import Step, budget_steps, budgets

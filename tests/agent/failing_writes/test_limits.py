@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from contextpolicy.agent.control_files import Unwatched
+from contextpolicy.agent.open_files import Unwatched
 from tests.agent.builders import (
     CHAT,
     POLICY,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from time import monotonic
 
-from contextpolicy.agent.control_files import CFS, ControlFiles, Unwatched
+from contextpolicy.agent.control_files import CFS, ControlFiles
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.limits import Limits
+from contextpolicy.agent.open_files import Unwatched
 from tests.agent.builders import POLICY
 
 OTHER = "robot/other"
