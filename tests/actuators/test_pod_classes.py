@@ -15,7 +15,8 @@ from contextpolicy.actuators.resize.targets import target_cpu
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 from contextpolicy.bus.plan_message import message
 from contextpolicy.cluster.agent_reports import AgentReport, with_agents, writing
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from tests.cluster.builders import NODE, a_pod, cpu
 from tests.cluster.claiming import claim
 from tests.planning.builders import Story, a_context, a_policy, a_stream, a_task

@@ -16,7 +16,7 @@ from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 from contextpolicy.bus.plan_message import message
 from contextpolicy.cluster.agent_reports import AgentReport, with_agents, writing
 from contextpolicy.cluster.parts import Stake, parts
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.policy.spec import Mode
 from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.cluster.builders import NODE, a_pod, cpu, granted

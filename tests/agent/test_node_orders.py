@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from contextpolicy.agent.admission import Admission
 from contextpolicy.agent.node_orders import Manner, NodeOrder, OrderTarget, read
 from contextpolicy.bus.plan_message import LARGEST_PLAN, message
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.errors import OrderError
 from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.policy.spec import Mode, RealtimePolicy, Scheduler

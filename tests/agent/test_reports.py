@@ -27,7 +27,7 @@ from contextpolicy.cluster.agent_reports import (
     write_confirmation,
 )
 from contextpolicy.cluster.claims import Claim
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.planning.allocation.placement import Container, Placement
 from tests.agent.builders import NODE, SLAM, Tree
 from tests.cluster.builders import a_pod

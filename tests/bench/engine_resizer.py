@@ -11,7 +11,7 @@ from statistics import median
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from tests.actuators.resize.rig import MOMENT, POLICY, Rig, by_id
 from tests.cluster.builders import a_pod, cpu
 

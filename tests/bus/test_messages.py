@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.bus.plan_message import MOST_CORES, message
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.policy.spec import Control, Enforcement, Scheduler
 from tests.bus.deciding import POLICY

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from tests.cluster.builders import NODE, a_pod
 from tests.planning.builders import a_policy, a_task
 

@@ -8,7 +8,7 @@ import pytest
 
 from contextpolicy.cluster.checkup import checkup
 from contextpolicy.cluster.cluster_facts import ClusterFacts, Verdict
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.cluster.serving import Service
 from tests.cluster.builders import a_pod
 from tests.planning.builders import a_body, a_task

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.policy.spec import Mode
 from contextpolicy.policy.tenants import Tenants
 from tests.cluster.builders import NODE, a_pod, cpu

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contextpolicy.cluster.pods import Cpu, PodView, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu, PodView
 from contextpolicy.policy.spec import Control, Mode, Policy
 from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.cluster.builders import NODE, a_pod, cpu, granted

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from contextpolicy.cluster import paging
 from contextpolicy.cluster.paging import items
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.cluster.watching import ObjectWatch
 from tests.cluster.paged_server import MIB, PagedServer, a_heavy_pod, peak
 

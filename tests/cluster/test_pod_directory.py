@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextpolicy.cluster.pod_directory import PodDirectory
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from tests.cluster.builders import NODE, a_pod
 
 

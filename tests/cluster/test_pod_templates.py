@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.cluster.pod_templates import PATHS, Templates
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.errors import ActuationError
 from tests.cluster.builders import a_pod, cpu
 

@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.cluster.resource_quantities import LARGEST_QUANTITY, millicores
 from tests.cluster.builders import a_pod, cpu, granted
 

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.cluster.room import STEPS, PodDemand, demand, fit, party, requested
 from contextpolicy.planning.allocation.placement import Container
 from tests.cluster.builders import NODE, a_pod, cpu, granted

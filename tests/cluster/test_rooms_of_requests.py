@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.policy.spec import Mode
 from tests.cluster.builders import NODE, a_pod, cpu
 from tests.cluster.claimants import NODES, policy_of, views

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.cluster.writers import NOBODY, Writers, writers
 from tests.cluster.builders import a_pod, cpu
 

@@ -33,7 +33,7 @@ from contextpolicy.cluster.agent_reports import (
 from contextpolicy.cluster.api import _version
 from contextpolicy.cluster.api_connection import _refusal
 from contextpolicy.cluster.paging import Page
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, OrderError, PolicyError
 from contextpolicy.planning.conditions.scope import Scope

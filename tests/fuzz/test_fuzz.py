@@ -12,7 +12,7 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone, Score

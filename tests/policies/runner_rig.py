@@ -8,7 +8,7 @@ from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.bus.questions import Questions
 from contextpolicy.bus.signatures import UnsignedPlans
 from contextpolicy.cluster.agent_reports import read_report, with_agents
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.policies.policy_runner import PolicyRunner
 from contextpolicy.policies.services import Services
 from contextpolicy.recorder.flight_recorder import BUDGET, SECONDS, FlightRecorder

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from tests.cluster.builders import NODE, a_pod
 from tests.cluster.claiming import claim
 from tests.planning.builders import a_context, a_parent, a_policy, a_task

@@ -8,7 +8,8 @@ import pytest
 from prometheus_client import REGISTRY
 
 from contextpolicy.actuators.resize.conflict import Conflict
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.telemetry.resize_watch import ResizeWatch
 from tests.actuators.resize.fake_cluster import refusal
 from tests.cluster.builders import a_pod

@@ -19,7 +19,7 @@ from contextpolicy.actuators.resize.vetting import Vetted, Vetting
 from contextpolicy.bus.robot_bus import RobotBus
 from contextpolicy.cluster.fencing import FencedApi
 from contextpolicy.cluster.nodes import read_node
-from contextpolicy.cluster.pods import version_of, view
+from contextpolicy.cluster.pod_parsing import version_of, view
 from contextpolicy.policies.binder import Binder
 from contextpolicy.policies.loader import load
 from contextpolicy.policies.manager import PolicyManager

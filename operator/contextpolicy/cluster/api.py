@@ -12,7 +12,7 @@ from contextpolicy.cluster import lease, paging
 from contextpolicy.cluster.api_connection import JSON, ApiConnection, excerpt
 from contextpolicy.cluster.lease import Lease
 from contextpolicy.cluster.paging import Page
-from contextpolicy.cluster.pods import version_of
+from contextpolicy.cluster.pod_parsing import version_of
 from contextpolicy.cluster.serving import Service, service
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import API, PLURAL, path_of

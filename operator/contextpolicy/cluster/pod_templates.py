@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from contextpolicy.cluster.pods import Cpu, cpu_of
+from contextpolicy.cluster.pod_parsing import cpu_of
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:

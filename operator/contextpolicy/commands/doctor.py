@@ -160,7 +160,7 @@ def _deployments(api: ApiServer) -> list[dict[str, Any]]:
 
 def _views(api: ApiServer, namespace: str) -> Iterator[PodView]:
     """The pods of a namespace that can be read; together they may be too large to be kept."""
-    from contextpolicy.cluster.pods import view
+    from contextpolicy.cluster.pod_parsing import view
 
     for pod in api.pods(namespace):
         with suppress(ValueError):

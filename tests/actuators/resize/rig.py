@@ -11,7 +11,7 @@ from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize import status_record
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.actuators.resize.stored_originals import StoredOriginals, UnsignedOriginals, raw_of, read, stored_in
-from contextpolicy.cluster.pods import version_of, view
+from contextpolicy.cluster.pod_parsing import version_of, view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import FakeCluster, Killed
 from tests.cluster.builders import NODE, a_pod, cpu

@@ -11,7 +11,8 @@ from contextpolicy.actuators.resize.pauses import CONFLICTING
 from contextpolicy.actuators.resize.pod_state import PodState
 from contextpolicy.actuators.resize.targets import Target
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.contesting import OURS
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered

@@ -7,7 +7,7 @@ import pytest
 from contextpolicy.actuators.resize.conflict import STRIKES, YIELDED
 from contextpolicy.actuators.resize.contests import Contests
 from contextpolicy.actuators.resize.pauses import CONFLICTING
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from tests.actuators.resize.rig import POLICY, Rig
 from tests.cluster.builders import a_pod
 

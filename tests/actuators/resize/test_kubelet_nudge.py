@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 from contextpolicy.actuators.resize.pauses import OVERLOOKED
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.rig import Rig
 from tests.cluster.builders import a_pod, cpu

@@ -6,7 +6,7 @@ import pytest
 
 from contextpolicy.actuators.resize.pod_state import SETTLING
 from contextpolicy.actuators.resize.resizer import BOOKKEEPING
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from tests.actuators.resize.fake_cluster import refusal
 from tests.actuators.resize.rig import MOMENT, POLICY, Rig, by_id, limits, two_pods
 from tests.cluster.builders import a_pod

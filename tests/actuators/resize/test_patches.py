@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from contextpolicy.actuators.resize.patches import resize_patch
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from tests.cluster.builders import a_pod, cpu
 
 BURSTABLE = view(a_pod("slam", {"slam": cpu("100m", "500m")}))

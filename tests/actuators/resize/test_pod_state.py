@@ -10,7 +10,8 @@ import pytest
 from contextpolicy.actuators.resize.pauses import FAILED
 from contextpolicy.actuators.resize.pod_patch import Patch
 from contextpolicy.actuators.resize.pod_state import TRANSITIONS, Event, Phase, PodState
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.errors import ActuationError
 from tests.actuators.resize.fake_cluster import UNREACHABLE
 from tests.cluster.builders import a_pod, cpu

@@ -7,7 +7,8 @@ import pytest
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.pod_state import PodState
 from contextpolicy.actuators.resize.put_back import RESTORE_PATIENCE, is_falling, without_rises
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from tests.actuators.resize.fake_cluster import UNREACHABLE, refusal
 from tests.actuators.resize.rig import POLICY, Rig, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import NODE, a_pod, cpu

@@ -9,7 +9,8 @@ import pytest
 from contextpolicy.actuators.resize.originals import Originals
 from contextpolicy.actuators.resize.stored_originals import Signatures, StoredPod, signatures_with, write
 from contextpolicy.actuators.resize.vetting import Vetted, Vetting
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.pod_parsing import view
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.parsing import parse
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.cluster.builders import a_pod, cpu

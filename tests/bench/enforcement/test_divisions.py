@@ -3,7 +3,7 @@
 import pytest
 
 from contextpolicy.bus.plan_message import message
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
 from tests.bench.enforcement.divisions import (
     BUDGETS,

@@ -12,7 +12,7 @@ from contextpolicy.actuators.resize.stored_originals import raw_of, read
 from contextpolicy.actuators.resize.vetting import Vetting
 from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.occupancy import LeaseReader
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError, FindingsError
 from contextpolicy.policy.custom_resource import FINALIZER

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.actuators.resize.patches import resize_patch
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pod_parsing import view
 from contextpolicy.cluster.writers import FIELD_MANAGER, RESTORE_MANAGER
 from contextpolicy.errors import ActuationError, unexpected
 

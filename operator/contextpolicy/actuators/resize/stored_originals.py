@@ -13,7 +13,8 @@ import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from contextpolicy.cluster.pods import Cpu, version_of
+from contextpolicy.cluster.pod_parsing import version_of
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.cluster.resource_quantities import millicores
 from contextpolicy.policy.quantities import format_cpu
 
