@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from contextpolicy.commands.cluster_access import OPERATOR
+from contextpolicy.commands.operator_access import OPERATOR
 from tests.charts.objects import WORKLOADS, container, environment
 
 

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from contextpolicy import cli
-from contextpolicy.commands import cluster_access
+from contextpolicy.commands import operator_access
 from contextpolicy.live.page_server import PageServer
 from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.streams import timeline
@@ -127,7 +127,7 @@ def operator(monkeypatch, cluster):  # noqa: ARG001 - the commands find the oper
     started.loop.inline = True
     server = PageServer(0, started.operator.queries)
     server.start()
-    monkeypatch.setattr(cluster_access, "_local_port", lambda _: server.server_port)
+    monkeypatch.setattr(operator_access, "_local_port", lambda _: server.server_port)
     monkeypatch.setattr(shutil, "which", lambda _: sys.executable)
     yield started
     server.close()
@@ -362,7 +362,7 @@ def test_top_ends_by_ctrl_c_and_once_is_interrupted_by_it(monkeypatch, words, co
         raise KeyboardInterrupt
 
     monkeypatch.delenv("ZENOH_CONNECT", raising=False)
-    monkeypatch.setattr(cluster_access, "running", interrupted)
+    monkeypatch.setattr(operator_access, "running", interrupted)
     assert cli.main(words) == code
 
 
@@ -460,9 +460,9 @@ def test_disguised_release_that_cannot_be_asked_keeps_nobody_from_the_real_one(c
     """A tenant's pod under a name of its own: its port is no number, or nothing answers there."""
     tenant, silent = an_operator("lab/fake", name="fake"), an_operator("lab/silent", name="silent")
     tenant["spec"]["containers"][0]["env"].append({"name": "LIVE_PORT", "value": "x"})
-    real = cluster_access._local_port
+    real = operator_access._local_port
     monkeypatch.setattr(
-        cluster_access, "_local_port", lambda forward: free_port() if "silent" in forwarded[-1] else real(forward)
+        operator_access, "_local_port", lambda forward: free_port() if "silent" in forwarded[-1] else real(forward)
     )
     cluster.operators, cluster.holder = [tenant, silent, an_operator(FIRST)], FIRST
     assert cli.main(words) == 0
@@ -472,13 +472,13 @@ def test_disguised_release_that_cannot_be_asked_keeps_nobody_from_the_real_one(c
 
 @pytest.mark.parametrize("answer", [None, {}, 5, ["board"], [{}], [{"policy": 5}], [{"policy": "lab/robot"}]])
 def test_disguised_release_that_answers_nonsense_changes_nothing(cluster, forwarded, capsys, monkeypatch, answer):
-    real = cluster_access.asker
+    real = operator_access.asker
 
     def asker(port):
         fake = "lab" in forwarded[-1]
         return (lambda *_, **__: answer) if fake else real(port)
 
-    monkeypatch.setattr(cluster_access, "asker", asker)
+    monkeypatch.setattr(operator_access, "asker", asker)
     cluster.operators, cluster.holder = [an_operator("lab/fake"), an_operator(FIRST)], FIRST
     assert cli.main(["top", "--once", "-o", "json"]) == 0
     assert json.loads(capsys.readouterr().out)["policy"] == "lab/robot"

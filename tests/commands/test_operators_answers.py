@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from contextpolicy.commands.cluster_access import ClusterAccessError, asker
+from contextpolicy.commands.cluster_access import ClusterAccessError
+from contextpolicy.commands.operator_access import asker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,7 +11,7 @@ import yaml
 
 from contextpolicy.cli import main
 from contextpolicy.commands.cluster_access import api_server
-from contextpolicy.commands.cluster_access import operator as live_page
+from contextpolicy.commands.operator_access import operator as live_page
 from tests.charts.test_monitoring import QUESTIONS
 from tests.e2e.cluster import until
 from tests.e2e.metrics_page import address, scrape, series

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from contextpolicy.commands.cluster_access import OPERATOR, ClusterAccessError, add_cluster, api_server, genuine
+from contextpolicy.commands.cluster_access import ClusterAccessError, add_cluster, api_server
+from contextpolicy.commands.operator_access import OPERATOR, genuine
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
-from contextpolicy.commands.cluster_access import OPERATOR, add_cluster, api_server, genuine
+from contextpolicy.commands.cluster_access import add_cluster, api_server
+from contextpolicy.commands.operator_access import OPERATOR, genuine
 from contextpolicy.commands.operator_pods import account_of
 from contextpolicy.commands.structured_output import add_output, structured
 from contextpolicy.commands.terminal import columns, waiting

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import recording_arguments, robot_arguments
 from contextpolicy.commands.bus_arguments import add_credentials, connect
-from contextpolicy.commands.cluster_access import add_namespace, api_server, operator, policy_object, reference_of
+from contextpolicy.commands.cluster_access import add_namespace, api_server, policy_object, reference_of
+from contextpolicy.commands.operator_access import operator
 from contextpolicy.commands.robot_arguments import seconds
 from contextpolicy.commands.simulate import read_files, run_policy
 from contextpolicy.commands.structured_output import add_output, structured

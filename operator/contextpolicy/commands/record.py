@@ -6,13 +6,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands.cluster_access import (
-    ClusterAccessError,
-    add_namespace,
-    api_server,
-    operator,
-    reference_of,
-)
+from contextpolicy.commands.cluster_access import ClusterAccessError, add_namespace, api_server, reference_of
+from contextpolicy.commands.operator_access import operator
 from contextpolicy.commands.robot_arguments import seconds
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from contextpolicy.commands.cluster_access import (
     ClusterAccessError,
     add_namespace,
     api_server,
-    operator,
     policy_object,
     reference_of,
 )
+from contextpolicy.commands.operator_access import operator
 from contextpolicy.commands.robot_arguments import seconds
 from contextpolicy.commands.structured_output import add_output, structured
 from contextpolicy.commands.terminal import columns, waiting

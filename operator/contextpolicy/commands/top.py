@@ -12,8 +12,9 @@ from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands.bus_arguments import add_credentials, connect
-from contextpolicy.commands.cluster_access import add_cluster, all_boards, api_server
+from contextpolicy.commands.cluster_access import add_cluster, api_server
 from contextpolicy.commands.explain import PATIENCE, NoAnswerError, visit
+from contextpolicy.commands.operator_access import all_boards
 from contextpolicy.commands.operator_pods import namespace_of_board
 from contextpolicy.commands.structured_output import SCHEMA, structured
 from contextpolicy.commands.terminal import columns
