@@ -8,7 +8,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.order import Order
-from contextpolicy.actuators.resize import guard
+from contextpolicy.actuators.resize.foreign_resizes import ForeignResizes
 from contextpolicy.actuators.resize.pod_patch import Patch
 from contextpolicy.actuators.resize.pod_state import Phase
 from contextpolicy.actuators.resize.put_back import RestoreOrder, to_put_back, without_rises
@@ -53,7 +53,7 @@ class Reconciler:
         self._policy = order.policy
         self._namespace = order.policy.partition("/")[0]
         self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
-        self._contests = contests
+        self._foreign = ForeignResizes(order.policy, contests, observer)
         self._touched: set[str] = set()
         """UIDs of the pods that the policy resizes or still has to restore; it looks at no others."""
         self._restores = RestoreOrder(order.policy)
@@ -116,10 +116,11 @@ class Reconciler:
             if pod.state.due <= now:
                 self._wake(pod)
             if pod.owned.keys() - self._wanted.get(pod.uid, {}).keys():
-                self._let_go(pod)
+                self._foreign.let_go(pod, self.order.claimed)
         due = [pod.state.due for pod in pods]
         for target in targets:
-            due += self._guard(target, now)
+            due += [target.pod.nudge_state.until, target.pod.rewrites.get(target.container.name, inf)]
+            due += self._foreign.look(target, now)
         forward = self._steps(targets, pods, now)
         back = {pod.uid: self._to_put_back(pod) for pod in pods if pod.uid in lost}
         bound = self._restores.bound(pods, back, now)
@@ -178,34 +179,6 @@ class Reconciler:
         pod.state.wake()
         if pod.state.phase is Phase.ASKING:
             self._dispatcher.ask(pod)
-
-    def _let_go(self, pod: TrackedPod) -> None:
-        """Give up ownership of containers that the policy no longer claims."""
-        for name, ownership in list(pod.owned.items()):
-            identity = container_id(pod.view, name)
-            if ownership.policy == self._policy and (pod.view.ended or identity not in self.order.claimed):
-                del pod.owned[name]
-                self._contests.note(pod.view, name, None)
-                pod.rewrites.pop(name, None)
-                if ownership.reported:
-                    self._observer.on_conflict(self._policy, identity, None)
-
-    def _guard(self, target: Target, now: float) -> tuple[float, ...]:
-        """Report when others resize the policy's container, and when that is over; returns when to look again."""
-        pod, name = target.pod, target.container.name
-        conflict = guard.look(self._policy, target, now)
-        if conflict is not None:
-            self._observer.on_conflict(self._policy, target.id, conflict)
-        ownership = pod.owned.get(name)
-        moments = pod.nudge_state.until, pod.rewrites.get(name, inf)
-        if ownership is None or not ownership.reported:
-            return moments
-        self._contests.note(pod.view, name, ownership.left)
-        if now >= ownership.forgotten_at:
-            ownership.reported = False
-            self._observer.on_conflict(self._policy, target.id, None)
-            return moments
-        return *moments, ownership.rests_until, ownership.forgotten_at
 
     def _steps(self, targets: Collection[Target], pods: Iterable[TrackedPod], now: float) -> dict[str, dict[str, Cpu]]:
         """The resources that may be set now, by pod UID and container name.
