@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import logging
-import os
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from reactivex import Subject
 
-from contextpolicy.agent import capabilities
 from contextpolicy.agent import node_orders as orders
 from contextpolicy.agent.admission import Admission
 from contextpolicy.agent.agent_metrics import OBEYED_SECONDS
-from contextpolicy.agent.cgroup_paths import find_cgroups
-from contextpolicy.agent.cgroup_writers import CgroupWriters
 from contextpolicy.agent.drains import Drains
 from contextpolicy.agent.failures import GONE, by_container, outside
-from contextpolicy.agent.keyed_timers import KeyedTimers
 from contextpolicy.agent.ledger import Ledger
+from contextpolicy.agent.node_equipment import NodeEquipment
+from contextpolicy.agent.plan_sources import PlanSources
 from contextpolicy.agent.pod_namespaces import PodNamespaces
 from contextpolicy.agent.refusals import Refusals
 from contextpolicy.agent.retries import Retries
@@ -35,6 +32,7 @@ if TYPE_CHECKING:
     from reactivex.abc import SchedulerBase
 
     from contextpolicy.agent.agent_settings import AgentSettings
+    from contextpolicy.agent.cgroup_writers import CgroupWriters
     from contextpolicy.agent.failures import Failures
     from contextpolicy.agent.inotify import WriteListener
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
@@ -50,31 +48,27 @@ class Agent:
         self, settings: AgentSettings, scheduler: SchedulerBase, watch_for: Callable[[WriteListener], FileWatch]
     ) -> None:
         """`watch_for` makes the watch that reports to us."""
-        self._settings, self._scheduler, self._watch = settings, scheduler, watch_for(self)
+        self._settings, self._scheduler = settings, scheduler
         self._refusals = Refusals()
-        self._most_processors = 1
-        self._admission = Admission(self._processors)
-        self._targets = TargetGroups(PodNamespaces(settings.logs), self._refusals)
         self._ledger = Ledger(settings.state / "agent.journal")
-        self._graces = KeyedTimers(scheduler)
+        self._node = NodeEquipment(settings, self._ledger, watch_for(self))
+        self._admission = Admission(self._node.processors)
+        self._targets = TargetGroups(PodNamespaces(settings.logs), self._refusals)
+        self._sources = PlanSources(scheduler, settings.grace, self)
         self._retries = Retries(scheduler, self)
         self._drains = Drains(scheduler, self)
         self._orders: dict[str, NodeOrder] = {}
         self.late: Subject[Confirmation] = Subject()
         """What became of a plan after it was confirmed."""
-        self._sources: set[str] = set()
-        self._writers: CgroupWriters | None = None
-        self._missing: dict[str, list[str]] = {}
-        self._unlimited = ""
         self._followed: dict[str, dict[Path, OrderTarget]] = {}
 
     def start(self) -> None:
         """Probe the node, and start the grace period of every policy whose changes an earlier run left behind."""
         self._ledger.load()
-        self._equip()
+        self._node.find()
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
             log.info("%s: an earlier agent was killed; waiting for the policy's plan", policy)
-            self._await_source(policy)
+            self._sources.wait(policy)
 
     @property
     def journal_is_damaged(self) -> bool:
@@ -83,7 +77,7 @@ class Agent:
 
     def stop(self) -> None:
         """Undo everything, for every policy, except what the API agrees with while plans are still published."""
-        self._graces.stop()
+        self._sources.stop()
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
             self._release(policy, leave_agreed=policy in self._sources)
         self._retries.stop()
@@ -106,7 +100,7 @@ class Agent:
             self._give_way(policy, heard, signed)
             return None
         if order is None or order.mode.acts:
-            self._hold(policy)
+            self._sources.hold(policy)
         failed = self._obey(order) if order is not None else {}
         if failed:
             self._admission.fail(policy)
@@ -133,15 +127,21 @@ class Agent:
 
         What a killed agent left waits for the plan itself.
         """
-        self._sources.add(policy)
+        self._sources.find(policy)
         if policy in self._orders:
-            self._graces.end(policy)
+            self._sources.hold(policy)
 
     def lose_source(self, policy: str) -> None:
         """The policy's source of plans is gone, or cut off by the network: its grace period begins."""
-        self._sources.discard(policy)
+        self._sources.lose(policy)
         self._admission.lose_source(policy)
-        self._await_source(policy)
+
+    def on_silence(self, policy: str) -> None:
+        """The policy has had no source for the grace period: give its plan up."""
+        if self._ledger.of(policy):
+            log.warning("%s: no plans for %g s; undoing everything", policy, self._settings.grace)
+        self._release(policy)
+        self._admission.forget(policy)
 
     def on_write(self, path: Path, heard: float) -> None:
         """See `on_other_write`; called on the watch's thread."""
@@ -149,8 +149,8 @@ class Agent:
 
     def on_other_write(self, path: Path, heard: float) -> None:
         """Another process wrote a file that we watch, as we `heard` then, in seconds on the monotonic clock."""
-        if self._writers is not None:
-            failures = self._writers.on_other_write(path, heard)
+        if self._node.writers is not None:
+            failures = self._node.writers.on_other_write(path, heard)
             self._note(failures)
             self._report_late(failures, self._followed)
 
@@ -159,8 +159,8 @@ class Agent:
         order = self._orders.get(key)
         if order is not None:
             self._confirm_late(key, self._obey(order))
-        elif self._writers is not None:
-            self._follow_up(key, self._writers.release(key))
+        elif self._node.writers is not None:
+            self._follow_up(key, self._node.writers.release(key))
 
     def on_drained(self, policy: str) -> None:
         """A suspended task has had its time: carry out the newest order as far as it goes by now."""
@@ -170,48 +170,22 @@ class Agent:
 
     def report(self) -> dict[str, Any]:
         """What this node can do, what it lacks for the rest, and how often it refused what, as a JSON object."""
-        layout = self._writers.layout if self._writers else None
-        return {
-            "node": self._settings.node,
-            "cgroup": layout.version if layout else None,
-            "driver": layout.driver if layout else None,
-            "processors": self._processors(),
-            "quotaPeriod": capabilities.quota_period(layout),
-            "missing": self._missing,
-            "unlimited": self._unlimited,
-            "refused": dict(self._refusals.counts),
-        }
+        return {**self._node.report(), "refused": dict(self._refusals.counts)}
 
     def usage(self) -> dict[str, Any]:
         """What the containers of all plans have used so far, as a JSON object (see `agent.usage`)."""
-        if self._writers is None:
+        if self._node.writers is None:
             return {"at": time.monotonic(), "containers": {}}
         followed = [(t.container_id, group) for groups in self._followed.values() for group, t in groups.items()]
-        return usage(self._writers.layout, followed, time.monotonic())
-
-    def _processors(self) -> int:
-        """Those that are switched on, or more if there were: what is switched off may come back."""
-        self._most_processors = max(self._most_processors, os.cpu_count() or 1)
-        return self._most_processors
-
-    def _equip(self) -> CgroupWriters | None:
-        """Find the pods' cgroups unless that is done; retried with each order, as the kubelet may start after us."""
-        if self._writers is None:
-            layout = find_cgroups(self._settings.cgroup_root)
-            facts = capabilities.probe(layout)
-            self._missing, self._unlimited = capabilities.missing(facts), capabilities.unlimited(facts)
-            if layout is not None:
-                settings = self._settings
-                self._writers = CgroupWriters(layout, self._ledger, self._watch, settings.priority, self._processors)
-        return self._writers
+        return usage(self._node.writers.layout, followed, time.monotonic())
 
     def _obey(self, order: NodeOrder) -> dict[str, str]:
         """Carry out the order; returns the containers that did not get what they should have, and why.
 
         Among them are those that it no longer names and that could not be undone.
         """
-        writers = self._equip()
-        lacks = self._missing.get(order.scheduler) if order.targets else None
+        writers = self._node.find()
+        lacks = self._node.missing.get(order.scheduler) if order.targets else None
         if writers is None or lacks:
             self._undo(order.policy, leave_agreed=order.policy in self._sources)
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
@@ -262,10 +236,6 @@ class Agent:
         else:
             self._retries.end(policy)
 
-    def _end_drains(self, policy: str) -> None:
-        self._orders.pop(policy, None)
-        self._drains.forget(policy)
-
     def _give_way(self, policy: str, refused: NodeOrder | None, signed: int) -> None:
         """The operator wants something newer, which was refused: leave the policy to its resizes, as at our end.
 
@@ -277,36 +247,21 @@ class Agent:
 
     def _release(self, policy: str, *, leave_agreed: bool = False) -> None:
         """The policy has no plan any more: undo everything for it, but for what the API has if `leave_agreed`."""
-        self._graces.end(policy)
+        self._sources.end(policy)
         self._admission.drop(policy)
         self._undo(policy, leave_agreed=leave_agreed)
 
     def _undo(self, policy: str, *, leave_agreed: bool) -> None:
-        self._end_drains(policy)
+        self._orders.pop(policy, None)
         self._followed.pop(policy, None)
-        if self._writers is not None:
-            self._follow_up(policy, self._writers.release(policy, leave_agreed=leave_agreed))
+        self._drains.forget(policy)
+        if self._node.writers is not None:
+            self._follow_up(policy, self._node.writers.release(policy, leave_agreed=leave_agreed))
 
     def _note(self, failures: Failures) -> None:
         for error in failures.values():
             if error.reason != GONE:
                 self._refusals.note(error.reason, str(error))
-
-    def _await_source(self, policy: str) -> None:
-        self._graces.start(policy, self._settings.grace, lambda: self._give_up(policy))
-
-    def _give_up(self, policy: str) -> None:
-        if self._ledger.of(policy):
-            log.warning("%s: no plans for %g s; undoing everything", policy, self._settings.grace)
-        self._release(policy)
-        self._admission.forget(policy)
-
-    def _hold(self, policy: str) -> None:
-        """A plan holds while its source lives. One that was delayed may have none any more: start the grace period."""
-        if policy in self._sources:
-            self._graces.end(policy)
-        elif policy not in self._graces:
-            self._await_source(policy)
 
 
 def _names(groups: Mapping[Path, OrderTarget]) -> dict[Path, str]:

@@ -1,0 +1,57 @@
+"""Which policies have a source of plans, and for how long a plan holds without one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from contextpolicy.agent.keyed_timers import KeyedTimers
+
+if TYPE_CHECKING:
+    from reactivex.abc import SchedulerBase
+
+
+class SilenceListener(Protocol):
+    """Gives plans up."""
+
+    def on_silence(self, policy: str) -> None:
+        """The policy's grace period is over."""
+
+
+class PlanSources:
+    """At most one grace period for each policy, of `grace` seconds; called on the loop's thread."""
+
+    def __init__(self, scheduler: SchedulerBase, grace: float, listener: SilenceListener) -> None:
+        self._graces, self._grace, self._listener = KeyedTimers(scheduler), grace, listener
+        self._alive: set[str] = set()
+
+    def __contains__(self, policy: str) -> bool:
+        """Whether a source of plans for the policy is alive."""
+        return policy in self._alive
+
+    def find(self, policy: str) -> None:
+        """A source is alive; a grace period goes on until the plan is known to hold."""
+        self._alive.add(policy)
+
+    def lose(self, policy: str) -> None:
+        """The source is gone, or cut off by the network."""
+        self._alive.discard(policy)
+        self.wait(policy)
+
+    def wait(self, policy: str) -> None:
+        """The grace period begins."""
+        self._graces.start(policy, self._grace, lambda: self._listener.on_silence(policy))
+
+    def hold(self, policy: str) -> None:
+        """A plan holds while its source lives. One that was delayed may have none any more: start the grace period."""
+        if policy in self._alive:
+            self._graces.end(policy)
+        elif policy not in self._graces:
+            self.wait(policy)
+
+    def end(self, policy: str) -> None:
+        """The policy has no plan that might be given up."""
+        self._graces.end(policy)
+
+    def stop(self) -> None:
+        """Give up nothing any more."""
+        self._graces.stop()
