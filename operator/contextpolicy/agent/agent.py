@@ -136,11 +136,22 @@ class Agent:
         self._sources.lose(policy)
         self._admission.lose_source(policy)
 
+    def doubt(self, policy: str) -> bool:
+        """Somebody spoke for the policy's source without proof; returns whether it has to say its plan again.
+
+        If it can't, the operator signs with a key that we do not know, and what we wrote would only be defended against
+        its resizes.
+        """
+        doubtful = policy in self._orders and policy in self._sources
+        if doubtful:
+            self._sources.doubt(policy)
+        return doubtful
+
     def on_silence(self, policy: str) -> None:
-        """The policy has had no source for the grace period: give its plan up."""
+        """For the grace period nothing has shown that the policy's plan holds: give it up."""
         if self._ledger.of(policy):
             log.warning("%s: no plans for %g s; undoing everything", policy, self._settings.grace)
-        self._release(policy)
+        self._release(policy, leave_agreed=policy in self._sources)
         self._admission.forget(policy)
 
     def on_write(self, path: Path, heard: float) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from functools import partial
 from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
@@ -20,6 +21,7 @@ from contextpolicy.agent.retries import Retries
 from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of, usage_key
 from contextpolicy.bus.plan_message import LARGEST_PLAN
 from contextpolicy.bus.questions import Questions
+from contextpolicy.bus.signatures import UNPROVEN
 from contextpolicy.cluster.agent_reports import write_confirmation
 from contextpolicy.errors import OrderError
 from contextpolicy.streams.direct import directly
@@ -56,6 +58,9 @@ class PlanListener(Protocol):
 
     def refuse(self, error: OrderError) -> None:
         """A message that does not count: its signature is not valid, was heard before, or is too old."""
+
+    def doubt(self, policy: str) -> bool:
+        """Likewise one that anybody may have sent; returns whether the policy's source has to say its plan again."""
 
     def miss(self, policy: str, payload: bytes | None, signed: int) -> None:
         """Likewise a plan or its withdrawal that the operator has signed, but too long ago by this node's clock."""
@@ -143,12 +148,17 @@ class AgentBus:
             signed = self._verifier.check(key, payload, attachment, time.time_ns())
             self._repetitions.check(key, attachment or b"")
         except OrderError as error:
-            refusal = error  # Python unbinds `error` when the except clause ends
-            self._later(lambda: self._listener.refuse(refusal))
+            self._later(partial(self._refuse, policy_of(key), error))
             if error.signed is not None:
                 self._put_too_old(policy_of(key), payload, error.signed)
             return
         self._put(policy_of(key), payload, signed)
+
+    def _refuse(self, policy: str, error: OrderError) -> None:
+        """What anybody may have sent, the operator may have, with another key: its source has to prove the plan."""
+        self._listener.refuse(error)
+        if error.reason in UNPROVEN and self._listener.doubt(policy):
+            self._unheard.again(policy)
 
     def _put_too_old(self, policy: str, payload: bytes | None, signed: int) -> None:
         with self._lock:

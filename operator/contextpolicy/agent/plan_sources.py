@@ -9,6 +9,9 @@ from contextpolicy.agent.keyed_timers import KeyedTimers
 if TYPE_CHECKING:
     from reactivex.abc import SchedulerBase
 
+LEAST = 4.0
+"""Seconds that a source has at least to say its plan again: it is asked after 1 s, and after 3 s (`retries.AGAIN`)."""
+
 
 class SilenceListener(Protocol):
     """Gives plans up."""
@@ -39,7 +42,7 @@ class PlanSources:
 
     def wait(self, policy: str) -> None:
         """The grace period begins."""
-        self._graces.start(policy, self._grace, lambda: self._listener.on_silence(policy))
+        self._start(policy, self._grace)
 
     def hold(self, policy: str) -> None:
         """A plan holds while its source lives. One that was delayed may have none any more: start the grace period."""
@@ -48,6 +51,11 @@ class PlanSources:
         elif policy not in self._graces:
             self.wait(policy)
 
+    def doubt(self, policy: str) -> None:
+        """Somebody spoke for the source without proof: the grace period begins, unless it has begun."""
+        if policy not in self._graces:
+            self._start(policy, max(self._grace, LEAST))
+
     def end(self, policy: str) -> None:
         """The policy has no plan that might be given up."""
         self._graces.end(policy)
@@ -55,3 +63,6 @@ class PlanSources:
     def stop(self) -> None:
         """Give up nothing any more."""
         self._graces.stop()
+
+    def _start(self, policy: str, seconds: float) -> None:
+        self._graces.start(policy, seconds, lambda: self._listener.on_silence(policy))

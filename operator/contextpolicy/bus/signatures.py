@@ -27,6 +27,8 @@ T = TypeVar("T")
 PRIVATE_KEY, CERTIFICATES = "tls.key", "tls.crt"
 """The files of a Secret of type kubernetes.io/tls, as cert-manager writes it. The certificate is only the public key's
 envelope: its key is trusted because it is in that file; issuer and dates are not checked."""
+UNPROVEN = frozenset({"Unsigned", "Forged"})
+"""The reasons to refuse a message that anybody may have sent; the operator too, with another key than is known here."""
 MAX_AGE = 10.0
 """Seconds, by the verifier's clock, in either direction: plans arrive in milliseconds, but nodes' clocks differ."""
 

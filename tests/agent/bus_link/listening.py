@@ -6,6 +6,7 @@ import threading
 from types import SimpleNamespace
 from typing import Any
 
+import zenoh
 from reactivex import Subject
 
 from contextpolicy.bus.decision_bus import plan_key
@@ -27,6 +28,8 @@ class Listener:
         self.queries, self.answered = [], []
         """Questions, and how many of them had an answer when a plan was heard."""
         self.reads = 0
+        self.in_force = False
+        """Whether a plan is, that its source has to say again when it is in doubt."""
 
     def hear(self, policy, payload, signed):  # noqa: ARG002
         self.answered.append(sum(bool(query.answers) for query in self.queries))
@@ -35,6 +38,9 @@ class Listener:
 
     def refuse(self, error):
         self._note(error.reason)
+
+    def doubt(self, policy):  # noqa: ARG002
+        return self.in_force
 
     def miss(self, policy, payload, signed):  # noqa: ARG002
         self._note((policy, "missed", payload))
@@ -76,6 +82,13 @@ class Listener:
             self._changed.notify_all()
 
 
+class Copied(bytes):
+    """What Zenoh hands over."""
+
+    def to_bytes(self):
+        return bytes(self)
+
+
 class Asked(FakeSession):
     """Notes when a source is asked for its plan; no answer arrives."""
 
@@ -91,6 +104,12 @@ class Asked(FakeSession):
 
     def put(self, key, payload, **more):
         """What is confirmed."""
+
+    def say(self, payload, attachment=None):
+        """Anybody publishes this as a plan."""
+        hear: Any = self.subscribers[0].callback
+        copied = None if attachment is None else Copied(attachment)
+        hear(SimpleNamespace(key_expr=KEY, kind=zenoh.SampleKind.PUT, payload=Copied(payload), attachment=copied))
 
     def say_token(self, kind):
         watch: Any = self.watchers[0].callback

@@ -90,6 +90,53 @@ def test_closed_agent_asks_no_source(asked):
     assert len(asked.asked) == 2
 
 
+@pytest.fixture
+def answered(asked, listener):
+    """The source has said its plan, which is in force."""
+    asked.bus._put(POLICY, b"plan", 1)
+    asked.wait(0.1)
+    listener.in_force = True
+    return asked
+
+
+@pytest.mark.parametrize("attachment", [None, bytes(72)], ids=["unsigned", "forged"])
+def test_source_is_asked_again_when_somebody_speaks_for_it_without_proof(answered, attachment):
+    """It may be the operator itself, with a key that the agent does not know."""
+    answered.say(b"plan", attachment)
+    answered.wait(5)
+    assert [round(at) for _, at in answered.asked] == [0, 1, 3]
+
+
+def test_a_flood_of_forged_plans_has_the_source_asked_no_more_often(answered):
+    for _ in range(50):
+        answered.say(b"plan")
+        answered.wait(0.1)
+    assert [round(at) for _, at in answered.asked] == [0, 1, 3]
+
+
+def test_a_source_that_says_its_plan_meanwhile_is_not_asked(answered):
+    answered.say(b"plan")
+    answered.bus._put(POLICY, b"plan", 2)
+    answered.wait(1000)
+    assert len(answered.asked) == 1
+
+
+@pytest.mark.parametrize("ago", [0, 60], ids=["repeated", "too old"])
+def test_what_the_operator_has_signed_puts_nothing_in_doubt(answered, sign, ago):
+    said = sign(b"plan", ago=ago)
+    for _ in range(2):
+        answered.say(b"plan", said)
+    answered.wait(1000)
+    assert len(answered.asked) == 1
+
+
+def test_forged_plan_of_a_policy_without_one_in_force_has_nobody_asked(answered, listener):
+    listener.in_force = False
+    answered.say(b"plan")
+    answered.wait(1000)
+    assert len(answered.asked) == 1
+
+
 @pytest.mark.parametrize("key", [agent_key(NODE), usage_key(NODE)], ids=["report", "usage"])
 def test_a_flood_of_questions_delays_no_plan(asked, listener, key):
     """All were queued for the loop, whatever they carried: thousands before a plan, which then came too late."""

@@ -108,3 +108,44 @@ def test_refused_plan_without_a_source_undoes_everything(suspended, before):
     suspended.agent.lose_source(POLICY)
     suspended.agent.hear(POLICY, suspended.next_message(capacity=64))
     assert suspended.limits() == before[1]
+
+
+def test_a_plan_that_its_source_does_not_prove_is_no_longer_defended(suspended, before):
+    """Its key was replaced before the agent had the new certificate: all that the operator says is refused."""
+    assert suspended.agent.doubt(POLICY)
+    suspended.wait(9)
+    suspended.kubelet(suspended.speech, 500)
+    assert suspended.limits()[1] == RESTORED
+    suspended.wait(2)
+    assert suspended.everything() == before
+    assert overwritten(suspended) == KEPT
+
+
+def test_what_the_api_agrees_with_stays_when_a_source_proves_nothing(suspended):
+    suspended.plan(ACTIVE, ASLEEP)
+    suspended.kubelet(suspended.speech, 10)
+    suspended.agent.doubt(POLICY)
+    suspended.wait(11)
+    assert suspended.limits() == (500, 10)
+
+
+def test_a_plan_that_its_source_repeats_stays_in_force(suspended):
+    suspended.agent.doubt(POLICY)
+    suspended.wait(9)
+    suspended.repeat(ACTIVE, ASLEEP, held=True)
+    suspended.wait(100)
+    assert overwritten(suspended)[0] == RESTORED
+
+
+def test_a_plan_with_the_new_key_is_carried_out_after_the_former_one_was_given_up(suspended):
+    suspended.agent.doubt(POLICY)
+    suspended.wait(11)
+    assert suspended.repeat(ACTIVE, ASLEEP, held=True).failed == {}
+    suspended.wait(1)
+    assert suspended.limits() == (500, 10)
+
+
+def test_without_a_plan_or_a_source_there_is_nothing_to_doubt(suspended):
+    assert not suspended.agent.doubt("robot/other")
+    suspended.agent.lose_source(POLICY)
+    assert not suspended.agent.doubt(POLICY)
