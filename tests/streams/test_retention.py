@@ -57,6 +57,35 @@ def test_an_edit_forgets_only_streams_that_are_gone():
     assert filled(retention, "lab/robot") == most
 
 
+@pytest.mark.parametrize("change", [{"sources": 4}, {"debounce": 1.0}, {"sample_every": 1.0}])
+def test_a_stream_that_keeps_more_after_an_edit_is_charged_for_it(change):
+    plain, edited = STREAMS[0], replace(STREAMS[0], **change)
+    retention = Retention(footprint(edited, 16384))
+    assert retention.admit(retention.begin("lab/robot", "lab", NAMES), plain, 16384)
+    kept = retention.begin("lab/robot", "lab", NAMES)
+    assert retention.admit(kept, edited, 100), "what it kept before is replaced by and by"
+    assert not retention.admit(kept, STREAMS[1], 1)
+    assert retention.admit(retention.begin("lab/robot", "lab", NAMES), plain, 16384)
+    assert retention.admit(kept, STREAMS[1], 1)
+
+
+def test_a_stream_that_would_keep_too_much_after_an_edit_is_refused():
+    edited = replace(STREAMS[0], sources=4)
+    retention = Retention(footprint(edited, 16384) - 1)
+    assert retention.admit(retention.begin("lab/robot", "lab", NAMES), STREAMS[0], 16384)
+    kept = retention.begin("lab/robot", "lab", NAMES)
+    assert not retention.admit(kept, edited, 1)
+    assert retention.admit(kept, STREAMS[0], 16384), "a refused sample changes nothing"
+
+
+def test_an_edit_that_keeps_no_more_is_refused_nothing():
+    """Even if a namespace that came meanwhile has made the equal part smaller."""
+    retention = Retention(footprint(STREAMS[0], 16384))
+    assert retention.admit(retention.begin("lab/robot", "lab", NAMES), STREAMS[0], 16384)
+    assert retention.admit(retention.begin("shop/robot", "shop", NAMES), STREAMS[0], 1)
+    assert retention.admit(retention.begin("lab/robot", "lab", NAMES), replace(STREAMS[0]), 16384)
+
+
 def test_readings_of_varying_length_are_charged_once():
     retention = Retention(footprint(STREAMS[0], LEAST))
     kept = retention.begin("lab/robot", "lab", NAMES)

@@ -7,7 +7,7 @@ would take more than there is is refused: to give up one that counts would chang
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.streams.decoding import MAX_PAYLOAD, MAX_VALUES
 
@@ -29,13 +29,23 @@ LEAST = 256
 """Bytes: charges are powers of two from here, so that readings of varying length are charged once."""
 
 
+class Charge(NamedTuple):
+    """What a stream, as it was then, is charged for payloads of up to `largest` bytes; `amount` is in bytes too."""
+
+    stream: Stream | None
+    largest: int
+    amount: int
+
+
+NOTHING = Charge(None, 0, 0)
+
+
 class Kept:
-    """What the streams of one policy are charged for: the largest payload of each; only `Retention` changes it."""
+    """What the streams of one policy are charged for, by name; only `Retention` changes it."""
 
     def __init__(self, namespace: str) -> None:
         self.namespace = namespace
-        self.largest: dict[str, int] = {}
-        self.charges: dict[str, int] = {}
+        self.charges: dict[str, Charge] = {}
 
 
 class Retention:
@@ -49,7 +59,7 @@ class Retention:
         """Count what this policy's streams keep, from now on or further on after an edit."""
         kept = self._policies.setdefault(policy, Kept(namespace))
         for gone in kept.charges.keys() - set(streams):
-            del kept.charges[gone], kept.largest[gone]
+            del kept.charges[gone]
         return kept
 
     def forget(self, policy: str) -> None:
@@ -61,17 +71,23 @@ class Retention:
 
         A namespace that keeps less than its equal part is refused nothing because of what others keep.
         """
-        if size <= kept.largest.get(stream.name, 0):
+        before = kept.charges.get(stream.name, NOTHING)
+        if size <= before.largest and stream is before.stream:
             return True
-        largest = max(LEAST, 1 << (size - 1).bit_length())
-        charge = footprint(stream, largest)
-        more = charge - kept.charges.get(stream.name, 0)
-        own = [one for one in self._policies.values() if one.namespace == kept.namespace]
-        namespaces = len({one.namespace for one in self._policies.values()})
-        if _sum(self._policies.values()) + more > self._pool and _sum(own) + more > self._pool // namespaces:
+        # An edit may have changed what the stream keeps, and what it keeps of the time before stays until replaced.
+        largest = max(LEAST, before.largest, 1 << (size - 1).bit_length())
+        charge = Charge(stream, largest, footprint(stream, largest))
+        if not self._has_room(kept.namespace, charge.amount - before.amount):
             return False
-        kept.largest[stream.name], kept.charges[stream.name] = largest, charge
+        kept.charges[stream.name] = charge
         return True
+
+    def _has_room(self, namespace: str, more: int) -> bool:
+        if more <= 0:
+            return True
+        own = [one for one in self._policies.values() if one.namespace == namespace]
+        namespaces = len({one.namespace for one in self._policies.values()})
+        return _sum(self._policies.values()) + more <= self._pool or _sum(own) + more <= self._pool // namespaces
 
 
 def footprint(stream: Stream, size: int) -> int:
@@ -85,4 +101,4 @@ def footprint(stream: Stream, size: int) -> int:
 
 
 def _sum(policies: Iterable[Kept]) -> int:
-    return sum(sum(one.charges.values()) for one in policies)
+    return sum(charge.amount for one in policies for charge in one.charges.values())
