@@ -46,6 +46,12 @@ def a_heavy_pod(index: int, weight: int = MIB) -> dict[str, Any]:
     return pod
 
 
+def a_heavy_policy(index: int, weight: int = MIB) -> dict[str, Any]:
+    """A policy with so many bytes in its spec."""
+    metadata = {"namespace": "lab", "name": f"heavy-{index}", "resourceVersion": "1"}
+    return {"metadata": metadata, "spec": {"ballast": "x" * weight}, "status": {"originals": {}}}
+
+
 def peak(work: Callable[[], object]) -> int:
     """The most memory that this takes, in bytes."""
     tracemalloc.start()

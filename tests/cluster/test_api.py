@@ -161,7 +161,7 @@ def test_malformed_list_is_an_error(api, server, answer):
     """A proxy answers, or a server of another kind."""
     server.answer = 200, answer
     with pytest.raises(ActuationError, match=r"not the JSON object that was asked for: .+$") as caught:
-        api.policies(None)
+        list(api.policies(None))
     assert (caught.value.reason, caught.value.retriable) == ("Unreadable", True)
 
 

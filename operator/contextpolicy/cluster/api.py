@@ -131,9 +131,12 @@ class ApiServer:
         """The pods of a namespace, or of all (None), as they are read: together they may be too large to be kept."""
         return paging.items(self, _list_path("/api/v1", namespace, "pods"))
 
-    def policies(self, namespace: str | None) -> list[dict[str, Any]]:
-        """The ContextPolicy objects of a namespace, or of all (None); NotFound if their definition is not installed."""
-        return self.items(_list_path(API, namespace, PLURAL))
+    def policies(self, namespace: str | None) -> Iterator[dict[str, Any]]:
+        """The ContextPolicy objects of a namespace, or of all (None), as they are read, for the same reason.
+
+        NotFound if their definition is not installed.
+        """
+        return paging.items(self, _list_path(API, namespace, PLURAL))
 
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         """The data of a ConfigMap."""

@@ -136,7 +136,7 @@ def policy_object(api: ApiServer, namespace: str, name: str) -> dict[str, Any]:
 def policies(api: ApiServer, namespace: str | None) -> list[dict[str, Any]]:
     """Those of a namespace, or of all (None); ClusterAccessError where the cluster does not know what a policy is."""
     try:
-        return api.policies(namespace)
+        return list(api.policies(namespace))
     except ActuationError as error:
         if error.reason != "NotFound":
             raise

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.actuators.resize.stored_originals import read
+from contextpolicy.cluster.paging import Page
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.quantities import parse_cpu
 
@@ -66,12 +67,14 @@ class FakeCluster:
         return self._call("resize", namespace, name, patch, lambda uid, it: self._resize(uid, it, manager))
 
     def read(self, path: str) -> dict[str, Any]:
-        if path.endswith("/contextpolicies"):
-            return {"items": [self.policy(one) for one in self.policies if one.split("/")[0] == path.split("/")[-2]]}
         try:
             return self.owners[path]
         except KeyError:
             raise refusal("NotFound") from None
+
+    def read_page(self, path: str, most: int | None) -> Page | None:
+        namespace = path.partition("/namespaces/")[2].partition("/")[0]
+        return Page({"items": [self.policy(one) for one in self.policies if one.split("/")[0] == namespace]}, most or 1)
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
         self._call("get", namespace, name, {}, lambda *_: None)

@@ -14,6 +14,7 @@ from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.parsing import parse
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.cluster.builders import a_pod, cpu
+from tests.cluster.paged_server import MIB, PagedServer, a_heavy_policy, peak
 from tests.policies.builders import a_policy
 
 KEY, POLICY, OTHER = b"k" * 32, "lab/robot", "lab/other"
@@ -188,6 +189,13 @@ def test_original_held_by_another_policy_is_not_missing():
     case = Case(a_resized_pod(), owner=an_owner())
     case.cluster.policies[OTHER] = signed(500, OTHER)
     assert case.vet({}) == Case().vet({})
+
+
+def test_heavy_policies_of_others_do_not_exhaust_the_memory():
+    case = Case(a_resized_pod(), owner=an_owner())
+    case.cluster.read_page = PagedServer(100, a_heavy_policy).read_page
+    assert peak(lambda: case.vet({})) < 40 * MIB
+    assert limits(case.vet({})) == {"uid-slam": 500}
 
 
 def test_forged_entry_in_another_policy_does_not_count_as_held():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.actuators.resize.offline_restore import forget, ours, policies_of, reference_of, text_of
+from contextpolicy.actuators.resize.offline_restore import forget, holders_of, policies_of, reference_of, text_of
 from contextpolicy.actuators.resize.stored_originals import raw_of, read
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import FINALIZER
@@ -40,16 +40,17 @@ def release(  # noqa: PLR0913 - as `restore`, and what came of it
     The policies and namespaces in `held` have containers that are not restored yet.
     """
     try:
-        policies, _ = ours([one for one in policies_of(api, namespace) if _has_finalizer(one)], occupancy)
+        holders = holders_of(filter(_has_finalizer, policies_of(api, namespace)), occupancy)
+        for policy in filter(_has_finalizer, policies_of(api, namespace)):
+            reference, where = reference_of(policy), policy["metadata"]["namespace"]
+            if holders.get(where) != "":
+                continue
+            if reference in held or where in held:
+                yield Released(reference, "not all of its containers are restored")
+            else:
+                yield Released(reference, "" if dry_run else _let_go(api, policy, signatures))
     except ActuationError as error:
         yield Released(namespace or "all namespaces", text_of(error))
-        return
-    for policy in policies:
-        reference, where = reference_of(policy), policy["metadata"]["namespace"]
-        if reference in held or where in held:
-            yield Released(reference, "not all of its containers are restored")
-        else:
-            yield Released(reference, "" if dry_run else _let_go(api, policy, signatures))
 
 
 def in_need(

@@ -19,11 +19,12 @@ from contextpolicy.policy.custom_resource import FINALIZER
 from contextpolicy.policy.parsing import parse
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures
     from contextpolicy.actuators.resize.vetting import Vetted
     from contextpolicy.cluster.occupancy import Occupancy
+    from contextpolicy.cluster.paging import Page
     from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
     from contextpolicy.policy.spec import Policy
 
@@ -34,11 +35,14 @@ class RestoreApi(pod_patch.ResizeApi, LeaseReader, Protocol):
     def pods(self, namespace: str | None) -> Iterable[dict[str, Any]]:
         """The pods of a namespace, or of all (None), as they are read: together they may be too large to be kept."""
 
-    def policies(self, namespace: str | None) -> list[dict[str, Any]]:
-        """The ContextPolicy objects of a namespace, or of all (None)."""
+    def policies(self, namespace: str | None) -> Iterable[dict[str, Any]]:
+        """The ContextPolicy objects of a namespace, or of all (None), as they are read, for the same reason."""
 
     def read(self, path: str) -> dict[str, Any]:
         """GET an object."""
+
+    def read_page(self, path: str, most: int | None) -> Page | None:
+        """GET a part of a list; None if it has more bytes than `most`."""
 
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
         """Replace a policy's finalizers; Conflict when it has changed since `version`."""
@@ -114,19 +118,18 @@ def restore(
     Pods that have ended or are being deleted are left alone, as the operator does, and so are namespaces that another
     operator serves: it would resize the containers again, and what they had before would be lost.
     """
+    parts: list[_Part] = []
+    damaged: list[Restored] = []
     try:
-        policies, left = ours(policies_of(api, namespace), occupancy)
-        pods = [view(pod) for pod in api.pods(namespace)]
+        holders = holders_of(policies_of(api, namespace), occupancy)
+        alive = {pod.uid: pod for pod in map(view, api.pods(namespace)) if not pod.ended}
+        for policy, found in _vetted(api, namespace, _vetting(api, signatures, alive.values()), _free(holders)):
+            parts += _parts(policy, found, alive)
+            damaged += _unreadable(policy, found)
     except ActuationError as error:
         yield Unread(namespace, error)
         return
-    yield from left
-    alive = {pod.uid: pod for pod in pods if not pod.ended}
-    vetting = Vetting(signatures, api)
-    for pod in alive.values():
-        vetting.observe(pod)
-    vetted = list(_vetted(vetting, policies))
-    parts = [part for policy, found in vetted for part in _parts(policy, found, alive)]
+    yield from (LeftAlone(where, holder) for where, holder in holders.items() if holder)
     gone: set[str] = set()
     for part in sorted(parts, key=lambda part: part.rise):
         # Another release may have taken the namespace meanwhile: a restore may take minutes.
@@ -138,7 +141,7 @@ def restore(
         elif part.pod.namespace not in gone:
             gone.add(part.pod.namespace)
             yield LeftAlone(part.pod.namespace, holder)
-    yield from (unread for policy, found in vetted for unread in _unreadable(policy, found))
+    yield from damaged
 
 
 def settle(api: RestoreApi, namespaces: Iterable[str | None], occupancy: Occupancy) -> None:
@@ -150,18 +153,49 @@ def settle(api: RestoreApi, namespaces: Iterable[str | None], occupancy: Occupan
     occupancy.settle(found)
 
 
-def _vetted(vetting: Vetting, policies: Sequence[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], Vetted]]:
-    """Each policy with its originals, those included that somebody has removed from its status.
+def _vetting(api: RestoreApi, signatures: EntrySignatures, pods: Iterable[PodView]) -> Vetting:
+    vetting = Vetting(signatures, api)
+    for pod in pods:
+        vetting.observe(pod)
+    return vetting
 
-    Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored.
+
+def _vetted(
+    api: RestoreApi, namespace: str | None, vetting: Vetting, free: Collection[str]
+) -> Iterator[tuple[Mapping[str, Any], Vetted]]:
+    """Each policy in the `free` namespaces with its originals, also those that somebody has removed from its status.
+
+    Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored. The last of
+    a namespace answers for what none of them selects: edits may have changed what they selected when they resized it.
+    The list is read twice, as together the policies may be too large to be kept.
     """
-    held = {(uid, name) for body in policies for uid, pod in vetting.proven(body).items() for name in pod.containers}
-    for body in policies:
-        lacks = FINALIZER in _finalizers(body) and vetting.resized(body["metadata"]["namespace"]) - held
-        found = vetting.vet(body, _parsed(body) if lacks else None, held)
-        held |= {(uid, name) for uid, pod in found.stored.pods.items() for name in pod.containers}
-        held |= {(doubt.uid, doubt.name) for doubt in found.doubts}
+    held: set[tuple[str, str]] = set()
+    last: dict[str, str] = {}
+    for body in _within(free, policies_of(api, namespace)):
+        held |= vetting.held(body)
+        if FINALIZER in _finalizers(body):
+            last[body["metadata"]["namespace"]] = reference_of(body)
+    for body in _within(free, policies_of(api, namespace)):
+        where = body["metadata"]["namespace"]
+        resized = vetting.resized(where)
+        lacks = FINALIZER in _finalizers(body) and not resized <= held
+        rest = lacks and last.get(where) == reference_of(body)
+        found = vetting.vet(body, _parsed(body) if lacks and not rest else None, held, rest=rest)
+        held |= _known(found) & resized
         yield body, found
+
+
+def _known(vetted: Vetted) -> set[tuple[str, str]]:
+    entries = {(uid, name) for uid, pod in vetted.stored.pods.items() for name in pod.containers}
+    return entries | {(doubt.uid, doubt.name) for doubt in vetted.doubts}
+
+
+def _within(namespaces: Collection[str], policies: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    return (body for body in policies if body["metadata"]["namespace"] in namespaces)
+
+
+def _free(holders: Mapping[str, str]) -> set[str]:
+    return {namespace for namespace, holder in holders.items() if not holder}
 
 
 def _parsed(body: Mapping[str, Any]) -> Policy | None:
@@ -175,25 +209,20 @@ def _finalizers(body: Mapping[str, Any]) -> Sequence[str]:
     return body["metadata"].get("finalizers") or ()
 
 
-def policies_of(api: RestoreApi, namespace: str | None) -> list[dict[str, Any]]:
+def policies_of(api: RestoreApi, namespace: str | None) -> Iterator[dict[str, Any]]:
     """None if their definition is gone: what they had stored went with it."""
     try:
-        return api.policies(namespace)
+        yield from api.policies(namespace)
     except ActuationError as error:
-        if error.reason == "NotFound":
-            return []
-        raise
+        if error.reason != "NotFound":
+            raise
 
 
-def ours(
-    policies: Sequence[Mapping[str, Any]], occupancy: Occupancy
-) -> tuple[list[Mapping[str, Any]], list[LeftAlone]]:
-    """The policies in namespaces that no other operator serves, and the other namespaces."""
+def holders_of(policies: Iterable[Mapping[str, Any]], occupancy: Occupancy) -> dict[str, str]:
+    """By namespace of these policies, the other operator that serves it, empty if there is none."""
     namespaces = sorted({policy["metadata"]["namespace"] for policy in policies})
     occupancy.settle(namespaces)
-    holders = {namespace: occupancy.served_by(namespace) for namespace in namespaces}
-    left = [LeftAlone(namespace, holder) for namespace, holder in holders.items() if holder]
-    return [policy for policy in policies if not holders[policy["metadata"]["namespace"]]], left
+    return {namespace: occupancy.served_by(namespace) for namespace in namespaces}
 
 
 def _holder(occupancy: Occupancy, namespace: str) -> str | ActuationError:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.actuators.resize.stored_originals import StoredPod, quantities, raw_of, read, stored_in
+from contextpolicy.cluster import paging
 from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.matches import matches
 from contextpolicy.cluster.pod_templates import Templates
@@ -20,9 +21,10 @@ from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import API, PLURAL
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures, StoredOriginals
+    from contextpolicy.cluster.paging import Page
     from contextpolicy.cluster.pods import ContainerView, PodView
     from contextpolicy.policy.spec import Policy
 
@@ -35,7 +37,10 @@ class VettingApi(Protocol):
     """What it needs of the API server."""
 
     def read(self, path: str) -> dict[str, Any]:
-        """GET an object or a list."""
+        """GET an object."""
+
+    def read_page(self, path: str, most: int | None) -> Page | None:
+        """GET a part of a list; None if it has more bytes than `most`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,18 +94,31 @@ class Vetting:
         reference = f"{body['metadata']['namespace']}/{body['metadata']['name']}"
         return self._true(reference, dict(read(reference, raw_of(body))))
 
+    def held(self, body: Mapping[str, Any]) -> set[tuple[str, str]]:
+        """By pod UID and name, the resized containers whose originals a ContextPolicy object has."""
+        resized = self.resized(body["metadata"]["namespace"])
+        return {(uid, name) for uid, pod in self.proven(body).items() for name in pod.containers} & resized
+
     def vet(
-        self, body: Mapping[str, Any], policy: Policy | None, held: Collection[tuple[str, str]] | None = None
+        self,
+        body: Mapping[str, Any],
+        policy: Policy | None,
+        held: Collection[tuple[str, str]] | None = None,
+        *,
+        rest: bool = False,
     ) -> Vetted:
         """The originals of a ContextPolicy object; `policy` is its spec, None if that is invalid.
 
         `held` are the containers whose originals policies of its namespace have; None means that they are to be read.
+        `rest` says that it answers for all others that were resized, whatever it selects by now.
         """
         metadata = body["metadata"]
         namespace, reference = metadata["namespace"], f"{metadata['namespace']}/{metadata['name']}"
         every, pods = dict(read(reference, raw_of(body))), self._pods(namespace)
         true = self._true(reference, every)
-        lost = self._lost(reference, policy, pods, true, held)
+        every_one = ((pod, container) for pod in pods for container in pod.containers)
+        selected = every_one if rest else _acts_on(policy, pods)
+        lost = self._lost(reference, selected, true, held)
         suspects = {(pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)}
         doubts: list[Doubt] = []
         unproven: dict[str, str] = {}
@@ -139,31 +157,34 @@ class Vetting:
     def _lost(
         self,
         reference: str,
-        policy: Policy | None,
-        pods: list[PodView],
+        selected: Iterable[tuple[PodView, ContainerView]],
         true: Mapping[str, StoredPod],
         held: Collection[tuple[str, str]] | None,
     ) -> list[tuple[PodView, str]]:
-        """The resized containers that the policy selects, and about which no policy's status says anything."""
-        if policy is None or not policy.mode.acts or policy.shadow is not None:
-            return []
+        """The resized containers among those selected about which no policy's status says anything."""
         lost = [
             (pod, container.name)
-            for _, pod, container in matches(policy, pods)
+            for pod, container in selected
             if _resized(container) and not (pod.uid in true and container.name in true[pod.uid].containers)
         ]
         if held is None:
-            held = self._others(reference, policy.namespace) if lost else ()
+            held = self._others(reference) if lost else ()
         return [(pod, name) for pod, name in lost if (pod.uid, name) not in held]
 
-    def _others(self, reference: str, namespace: str) -> set[tuple[str, str]]:
-        """By pod UID and name, the containers whose originals are in other policies' statuses."""
+    def _others(self, reference: str) -> set[tuple[str, str]]:
+        """By pod UID and name, the resized containers whose originals are in other policies' statuses."""
+        namespace, _, own = reference.partition("/")
+        found = paging.items(self._api, f"{API}/namespaces/{namespace}/{PLURAL}")
         try:
-            items = self._api.read(f"{API}/namespaces/{namespace}/{PLURAL}")["items"]
+            return {one for body in found if body["metadata"]["name"] != own for one in self.held(body)}
         except ActuationError:
             return set()
-        others = [body for body in items if f"{namespace}/{body['metadata']['name']}" != reference]
-        return {(uid, name) for body in others for uid, pod in self.proven(body).items() for name in pod.containers}
+
+
+def _acts_on(policy: Policy | None, pods: list[PodView]) -> Iterator[tuple[PodView, ContainerView]]:
+    """What a policy selects; one that does not act has resized nothing of it."""
+    if policy is not None and policy.mode.acts and policy.shadow is None:
+        yield from ((pod, container) for _, pod, container in matches(policy, pods))
 
 
 def _resized(container: ContainerView) -> bool:
