@@ -153,6 +153,8 @@ class Admission:
                 raise OrderError("Unreadable", f"{order.policy}: {target.share}m is uneven on {cpus} processors")
 
     def _check_amounts(self, order: NodeOrder) -> None:
+        # Sums of weights are bounded by the operator: they have to fit beside what all other pods request, and here
+        # nobody knows these.
         realtime = order.scheduler is Scheduler.REALTIME
         most = self._cpus() * (REALTIME_BUDGET if realtime else 1000)
         there_is = most - self._promised(order.policy) if realtime else most

@@ -149,7 +149,11 @@ def _router(endpoints: Sequence[str]) -> dict[str, object]:
 
 
 def _bounds(largest: int) -> dict[str, object]:
-    """The router drops what is larger, before it takes memory of those who listen."""
+    """The router drops what is larger, before it takes memory of those who listen.
+
+    A filter counts for the keys that one of its own includes. So a question on `**` or `*/agents/*` may be as large as
+    any message: rights keep it from operators and agents (`bus.roles`), and on a bus that is open to all they end it.
+    """
     latched = "**/@adv/**"  # which `**` leaves out
     filters = [
         _filter("messages", ["put", "delete", "query", "reply"], ["**", latched], largest),
