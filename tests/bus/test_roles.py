@@ -185,6 +185,23 @@ def test_operator_sees_and_queries_agents(bus):
     listener.undeclare()
 
 
+@pytest.mark.parametrize("key", ["**", "*/agents/*", "*/*/node-1"])
+def test_agents_are_not_asked_by_keys_beyond_ours(bus, key):
+    """The router bounds only what questions on keys within ours carry."""
+    asked: Queue[str] = Queue()
+
+    def answer(query: zenoh.Query) -> None:
+        asked.put(str(query.key_expr))
+        query.reply(NODE, "report")
+
+    with bus("agent").declare_queryable(NODE, answer):
+        assert ask(bus("operator"), "contextpolicy/agents/*") == ["report"]
+        for role in ("module", "viewer"):
+            answers = bus(role).get(key, payload=bytes(5000), timeout=NEVER)
+            assert not [one for one in answers if one.ok and str(one.ok.key_expr) == NODE]
+    assert {asked.get_nowait() for _ in range(asked.qsize())} == {"contextpolicy/agents/*"}
+
+
 @pytest.mark.parametrize("role", ["sensor", "module"])
 def test_the_nodes_of_ros_see_each_other(bus, role):
     """rmw_zenoh's graph is made of such tokens; without it no service is found, and `ros2 topic list` is empty."""
