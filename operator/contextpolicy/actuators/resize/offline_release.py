@@ -5,7 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.actuators.resize.offline_restore import forget, holders_of, policies_of, reference_of, text_of
+from contextpolicy.actuators.resize.offline_restore import (
+    forget,
+    free_of,
+    holders_of,
+    policies_of,
+    reference_of,
+    text_of,
+)
 from contextpolicy.actuators.resize.stored_originals import raw_of, read
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.custom_resource import FINALIZER
@@ -41,9 +48,10 @@ def release(  # noqa: PLR0913 - as `restore`, and what came of it
     """
     try:
         holders = holders_of(filter(_has_finalizer, policies_of(api, namespace)), occupancy)
+        free = free_of(holders)
         for policy in filter(_has_finalizer, policies_of(api, namespace)):
             reference, where = reference_of(policy), policy["metadata"]["namespace"]
-            if holders.get(where) != "":
+            if where not in free:
                 continue
             if reference in held or where in held:
                 yield Released(reference, "not all of its containers are restored")

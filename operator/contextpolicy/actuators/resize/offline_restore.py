@@ -123,7 +123,7 @@ def restore(
     try:
         holders = holders_of(policies_of(api, namespace), occupancy)
         alive = {pod.uid: pod for pod in map(view, api.pods(namespace)) if not pod.ended}
-        for policy, found in _vetted(api, namespace, _vetting(api, signatures, alive.values()), _free(holders)):
+        for policy, found in _vetted(api, namespace, _vetting(api, signatures, alive.values()), free_of(holders)):
             parts += _parts(policy, found, alive)
             damaged += _unreadable(policy, found)
     except ActuationError as error:
@@ -194,10 +194,6 @@ def _within(namespaces: Collection[str], policies: Iterable[dict[str, Any]]) -> 
     return (body for body in policies if body["metadata"]["namespace"] in namespaces)
 
 
-def _free(holders: Mapping[str, str]) -> set[str]:
-    return {namespace for namespace, holder in holders.items() if not holder}
-
-
 def _parsed(body: Mapping[str, Any]) -> Policy | None:
     try:
         return parse(body)
@@ -223,6 +219,11 @@ def holders_of(policies: Iterable[Mapping[str, Any]], occupancy: Occupancy) -> d
     namespaces = sorted({policy["metadata"]["namespace"] for policy in policies})
     occupancy.settle(namespaces)
     return {namespace: occupancy.served_by(namespace) for namespace in namespaces}
+
+
+def free_of(holders: Mapping[str, str]) -> set[str]:
+    """The namespaces that no other operator serves."""
+    return {namespace for namespace, holder in holders.items() if not holder}
 
 
 def _holder(occupancy: Occupancy, namespace: str) -> str | ActuationError:
