@@ -360,43 +360,6 @@ def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore
     assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
 
 
-EDITS: list[dict[str, Any]] = [
-    {},
-    *(a_policy(**change)["spec"] for change in ({"mode": "DryRun"}, {"mode": "Paused"}, {"shadow": {"of": "other"}})),
-]
-
-
-@pytest.mark.parametrize("spec", EDITS, ids=["invalid", "dry run", "paused", "shadow"])
-def test_emptied_originals_are_missed_whatever_the_policy_has_become(restore: Any, spec: dict[str, Any]) -> None:
-    pod = by_us()
-    pod["metadata"]["ownerReferences"] = [OWNER]
-    server = Server(pod, policies=[{**policy(), "spec": spec}])
-    server.secrets, server.cluster.owners, server.leases = dict(SECRETS), {PATH: an_owner("500m")}, {"lab": GREEN}
-    code, out = restore(server, "--remove-finalizers", RELEASE)
-    assert (code, out.splitlines()[0]) == (0, "lab/slam/slam: limit 990m -> 500m")
-    assert server.cluster.limit("slam") == 500
-
-
-def test_emptied_originals_of_a_container_that_is_no_longer_selected_are_missed(restore: Any) -> None:
-    """One policy that selects nothing of it stays for it, and no other."""
-    policies = [{**policy(name), "spec": a_policy()["spec"]} for name in ("arm", "robot")]
-    server = Server(by_us("map"), policies=policies)
-    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
-    code, out = restore(server, "--remove-finalizers", RELEASE)
-    assert (code, out.splitlines()) == (
-        1,
-        [
-            (
-                "lab/map/map: NOT restored: lab/map/map: status.originals no longer has an entry; "
-                "no owner of the pod states its original, so it keeps request 100m, limit 990m"
-            ),
-            "ContextPolicy lab/arm: finalizer removed",
-            "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
-        ],
-    )
-    assert restore(server, "--remove-finalizers", RELEASE)[0] == 1
-
-
 def test_heavy_policies_of_others_do_not_exhaust_the_memory(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     assert restore(server, "--dry-run")[0] == 0

@@ -165,22 +165,16 @@ def _vetted(
 ) -> Iterator[tuple[Mapping[str, Any], Vetted]]:
     """Each policy in the `free` namespaces with its originals, also those that somebody has removed from its status.
 
-    Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored. The last of
-    a namespace answers for what none of them selects: edits may have changed what they selected when they resized it.
-    The list is read twice, as together the policies may be too large to be kept.
+    Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored. The list is
+    read twice, as together the policies may be too large to be kept.
     """
     held: set[tuple[str, str]] = set()
-    last: dict[str, str] = {}
     for body in _within(free, policies_of(api, namespace)):
         held |= vetting.held(body)
-        if FINALIZER in _finalizers(body):
-            last[body["metadata"]["namespace"]] = reference_of(body)
     for body in _within(free, policies_of(api, namespace)):
-        where = body["metadata"]["namespace"]
-        resized = vetting.resized(where)
+        resized = vetting.resized(body["metadata"]["namespace"])
         lacks = FINALIZER in _finalizers(body) and not resized <= held
-        rest = lacks and last.get(where) == reference_of(body)
-        found = vetting.vet(body, _parsed(body) if lacks and not rest else None, held, rest=rest)
+        found = vetting.vet(body, _parsed(body) if lacks else None, held)
         held |= _known(found) & resized
         yield body, found
 

@@ -100,25 +100,17 @@ class Vetting:
         return {(uid, name) for uid, pod in self.proven(body).items() for name in pod.containers} & resized
 
     def vet(
-        self,
-        body: Mapping[str, Any],
-        policy: Policy | None,
-        held: Collection[tuple[str, str]] | None = None,
-        *,
-        rest: bool = False,
+        self, body: Mapping[str, Any], policy: Policy | None, held: Collection[tuple[str, str]] | None = None
     ) -> Vetted:
         """The originals of a ContextPolicy object; `policy` is its spec, None if that is invalid.
 
         `held` are the containers whose originals policies of its namespace have; None means that they are to be read.
-        `rest` says that it answers for all others that were resized, whatever it selects by now.
         """
         metadata = body["metadata"]
         namespace, reference = metadata["namespace"], f"{metadata['namespace']}/{metadata['name']}"
         every, pods = dict(read(reference, raw_of(body))), self._pods(namespace)
         true = self._true(reference, every)
-        every_one = ((pod, container) for pod in pods for container in pod.containers)
-        selected = every_one if rest else _acts_on(policy, pods)
-        lost = self._lost(reference, selected, true, held)
+        lost = self._lost(reference, _acts_on(policy, pods), true, held)
         suspects = {(pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)}
         doubts: list[Doubt] = []
         unproven: dict[str, str] = {}
