@@ -56,7 +56,9 @@ def _pose_with_covariance(value: Mapping[str, Any], _: Output) -> Fields | None:
     return None if value.get("state") == LOST else {"pose": _estimate(value)}
 
 
-def _odometry(value: Mapping[str, Any], output: Output) -> Fields:
+def _odometry(value: Mapping[str, Any], output: Output) -> Fields | None:
+    if value.get("state") == LOST:
+        return None
     return {
         "child_frame_id": output.child_frame,
         "pose": _estimate(value),

@@ -22,6 +22,7 @@ STAMP = 1_700_000_000_123_456_789
 POSE, ODOMETRY = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 LOCATED = {"position": [1.0, 2.0, 3.0], "orientation": [0.0, 0.0, 0.6, 0.8], "inliers": 80, "state": "tracking"}
+TWIST = "geometry_msgs/msg/Twist"
 RANGE = "sensor_msgs/msg/Range"
 DRIVEN = {"position": [1.5, -0.5], "heading": math.pi / 2, "travelled": 3.0, "forward": 0.2, "turn": -0.3}
 COVARIANCE = np.diag([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
@@ -77,6 +78,19 @@ def test_a_pose_that_is_not_known_is_not_published(state, published):
     assert said == published
 
 
+@pytest.mark.parametrize(
+    ("state", "published"),
+    [
+        ("adrift", [ODOMETRY, TWIST]),
+        ("lost", [TWIST]),  # the speeds are known all the same
+    ],
+)
+def test_odometry_whose_pose_is_not_known_is_not_published(state, published):
+    value = {**DRIVEN, "state": state}
+    said = [name for name in (ODOMETRY, POSE, TWIST) if payload_of("odometry", name, value) is not None]
+    assert said == published
+
+
 def test_a_pose_has_no_speeds_and_is_no_odometry():
     """Its twist would be that of a robot which certainly stands."""
     assert ODOMETRY not in allowed("pose")
@@ -99,7 +113,7 @@ def test_odometry_has_pose_and_speeds():
 
 
 def test_speeds_are_a_twist():
-    twist = message("odometry", "geometry_msgs/msg/Twist", DRIVEN)
+    twist = message("odometry", TWIST, DRIVEN)
     stamped = message("odometry", "geometry_msgs/msg/TwistStamped", DRIVEN).twist
     assert (twist.linear.x, twist.angular.z) == (stamped.linear.x, stamped.angular.z) == (0.2, -0.3)
 
