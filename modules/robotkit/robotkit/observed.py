@@ -74,8 +74,8 @@ class Observed:
                 self.dropped[name] += 1
             queue.append(heard)
 
-    def answered(self, stamp: int, now: int) -> None:
-        """Note an answer: it ends the input with this stamp, and passes over the older ones."""
+    def answered(self, stamp: int | None, now: int) -> None:
+        """Note an answer: it ends the input with this stamp, and passes over the older ones. None: it has no stamp."""
         with self._lock:
             found = [name for name, queue in self._queues.items() if any(heard.stamp == stamp for heard in queue)]
             self.matched += bool(found)

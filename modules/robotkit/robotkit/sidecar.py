@@ -103,8 +103,7 @@ class Sidecar:
         return receive
 
     def _answer(self, sample: zenoh.Sample) -> None:
-        now, stamp = time.time_ns(), header_stamp(sample.payload.to_bytes())
-        self._observed.answered(stamp or 0, now)
+        self._observed.answered(header_stamp(sample.payload.to_bytes()), time.time_ns())
         if not self._observed.matched and self._observed.strange == STRANGE:
             _LOG.warning(
                 "none of %d messages on %s has the header's stamp of an input: expected answers that do",

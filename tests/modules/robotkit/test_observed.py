@@ -51,6 +51,13 @@ def test_an_input_waits_for_an_answer_with_its_stamp():
     assert node.means() == {"cpu": 30, "wait": 0, "service": 38, "latency": 39}
 
 
+def test_an_answer_without_a_stamp_is_to_no_input():
+    node = Node()
+    node.takes(-NOW // MS, at=2)  # stamp 0
+    node.observed.answered(None, NOW + 3 * MS)
+    assert (node.waiting, node.scan.done, node.observed.strange) == ([2], 0, 1)
+
+
 def test_the_second_of_two_begins_when_the_first_is_done():
     node = Node()
     node.takes(0, at=2)
