@@ -20,6 +20,8 @@ Frames: TypeAlias = "Iterator[tuple[int, bytes]]"
 
 VIEWS = ("stereo", "cam0", "cam1")
 JPEG_QUALITY = 90
+OLDEST_NS = 60 * 10**9
+"""What is older by a device's clock is of another clock."""
 
 
 class Source(Protocol):
@@ -77,8 +79,10 @@ class Devices:
                 capture.release()
 
     def _look(self, captures: Sequence[cv2.VideoCapture]) -> tuple[int, bytes]:
+        before = time.time_ns()
         grabbed = [capture.grab() for capture in captures]
-        stamp = time.time_ns()
+        device = captures[0].get(cv2.CAP_PROP_POS_MSEC)
+        stamp = _taken(device, time.monotonic_ns(), now=time.time_ns(), otherwise=before)
         pictures = [capture.retrieve() for capture in captures]
         for path, caught, (retrieved, _) in zip(self._paths, grabbed, pictures, strict=True):
             if not caught or not retrieved:
@@ -88,3 +92,12 @@ class Devices:
             for _, picture in pictures
         ]
         return stamp, encode(StereoFrame(stamp, *encoded)) if len(encoded) == 2 else encoded[0]
+
+
+def _taken(device: float, monotonic: int, *, now: int, otherwise: int) -> int:
+    """When the device took a picture, by its own stamp: ms of the clock `monotonic`; `otherwise` if it has none.
+
+    Up to four pictures wait in its buffers, so one that is grabbed now can be as old as four of our turns.
+    """
+    age = monotonic - round(device * 1e6)
+    return now - age if device > 0 and 0 <= age < OLDEST_NS else otherwise

@@ -40,6 +40,19 @@ class Film(Recorded):
         yield from ((stamp, b"frame") for stamp in self._stamps)
 
 
+class Clock:
+    """A clock that stands still unless the test moves it: ns since 1970, and since the start of the machine."""
+
+    def __init__(self):
+        self.since_start = 3600 * 10**9
+
+    def time_ns(self):
+        return START + self.since_start
+
+    def monotonic_ns(self):
+        return self.since_start
+
+
 class Capture:
     """A camera with three pictures."""
 
@@ -54,6 +67,9 @@ class Capture:
     def grab(self):
         self.left -= 1
         return self.left >= 0
+
+    def get(self, _):
+        return -1.0  # OpenCV's word for a property that a camera lacks
 
     def retrieve(self):
         return self.left >= 0, np.full((48, 64, 3), 10 * max(self.left, 0), np.uint8)
@@ -109,6 +125,33 @@ def test_two_devices_give_pairs_until_one_is_unplugged():
     with pytest.raises(DeviceError, match="camera /dev/video0 gives no pictures"):
         list(frames)
     assert [capture.released for capture in CAPTURES] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("age", "stamped"),
+    [
+        (120 * MS, -120 * MS),  # it waited in the driver's buffers
+        (40 * MS, -40 * MS),
+        (None, -33 * MS),  # no stamp of its own: at the latest when we began to wait for it
+        (-5 * MS, -33 * MS),
+        (3600 * 10**9 - 1, -33 * MS),  # of another clock
+    ],
+)
+def test_a_pictures_stamp_is_that_of_its_device(monkeypatch, age, stamped):
+    clock = Clock()
+    monkeypatch.setattr("modules.camera.sources.time", clock)
+
+    class Stamping(Capture):
+        def grab(self):
+            clock.since_start += 33 * MS
+            return super().grab()
+
+        def get(self, _):
+            return 0.0 if age is None else (clock.since_start - age) / MS
+
+    devices = Devices(["/dev/video0"], cast("type[cv2.VideoCapture]", Stamping))
+    stamp, _ = next(devices.frames(threading.Event()))
+    assert stamp - clock.time_ns() == stamped
 
 
 def test_a_suspended_camera_lets_go_of_its_device():
