@@ -14,9 +14,13 @@ from contextpolicy.bus.credentials import CA, CERTIFICATE, KEY, client_settings
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.validation.check import check
+from contextpolicy.simulation.robot import NODE as NODE_NAME
+from contextpolicy.simulation.robot import Robot
+from contextpolicy.simulation.run import simulate
 from robotkit import sidecar
 from robotkit.ros import topic_key
 from robotkit.sidecar import load
+from tests.simulation.stories import a_timeline
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "config" / "ros2-node"
@@ -36,6 +40,25 @@ KNOWN = {
 
 def test_the_policy_is_valid_by_the_definition_and_by_the_operator():
     assert check([("policy.yaml", POLICY)]).errors == []
+
+
+@pytest.mark.parametrize(
+    ("misses", "rate", "speed", "contexts"),
+    [
+        (0.0, 0.4, 0.5, {"moving"}),
+        (0.0, 0.0, 0.5, {"moving", "silent"}),
+        (0.0, 0.0, 0.1, {"moving"}),  # half a metre takes it longer than a window lasts
+        (0.2, 0.4, 0.5, {"moving", "late"}),
+    ],
+)
+def test_the_policy_notices_a_node_that_answers_late_or_not_at_all(misses, rate, speed, contexts):
+    policy = parse(yaml.safe_load(POLICY))
+    driving = {"header": {"frame_id": "odom"}, "twist": {"twist": {"linear": {"x": speed}}}}
+    odometry = {"key": topic_key("/odom", KNOWN["/odom"]), "encoding": "cdr", "type": KNOWN["/odom"], "value": driving}
+    health = {"key": "robot/slam/health", "encoding": "json", "value": {"misses": misses, "rate": rate}}
+    always = [{**odometry, "from": 0, "to": 10, "rate": 20}, {**health, "from": 0, "to": 10, "rate": 1}]
+    (*_, last) = simulate(policy, a_timeline(*always), robot=Robot({NODE_NAME: 2000})).plans
+    assert set(last.contexts) == contexts
 
 
 def test_the_policy_selects_the_node():
@@ -77,7 +100,7 @@ def test_node_connects_only_to_the_charts_router():
     assert json.loads(OVERRIDES["listen/endpoints"]) == []
     assert OVERRIDES["scouting/multicast/enabled"] == OVERRIDES["scouting/gossip/enabled"] == "false"
     assert ENVIRONMENT["RMW_IMPLEMENTATION"] == "rmw_zenoh_cpp"
-    assert ENVIRONMENT["ZENOH_ROUTER_CHECK_ATTEMPTS"] == "0"
+    assert json.loads(OVERRIDES["connect/timeout_ms"]) == -1  # a client's default of 0 ends the node without a router
 
 
 def test_node_uses_the_module_credentials(tmp_path):
