@@ -28,6 +28,8 @@ _HEADER = {1: struct.Struct("<iI"), 0: struct.Struct(">iI")}
 """The stamp of a header, behind the 4 bytes that say how a message is encoded, by the second of them."""
 _STAMPED = 12
 """Bytes to the end of that stamp."""
+_END = 2**31 * 10**9
+"""No stamp is of this time or later (2038), nor before 1970: ROS messages and MCAP files hold no other."""
 
 
 class Attached(NamedTuple):
@@ -63,10 +65,10 @@ def attached(sample: zenoh.Sample) -> Attached:
         return NOTHING
     raw = sample.attachment.to_bytes()
     if (published := _by_rmw_zenoh(raw)) is not None:
-        return Attached(published)
+        return Attached(_time(published))
     try:
         content = json_text.loads(raw)
-        return Attached(_whole(content["stamp"]), _whole(content.get("crc32")))
+        return Attached(_time(_whole(content["stamp"])), _whole(content.get("crc32")))
     except (ValueError, KeyError, TypeError, AttributeError):  # someone else's attachment
         return NOTHING
 
@@ -89,6 +91,10 @@ def _by_rmw_zenoh(raw: bytes) -> int | None:
     else:
         return None
     return int(stamp) if names == _NAMES and size == _GID else None
+
+
+def _time(stamp: int | None) -> int | None:
+    return stamp if stamp is not None and 0 <= stamp < _END else None
 
 
 def _whole(value: object) -> int | None:

@@ -48,6 +48,13 @@ def test_other_attachments_say_nothing(raw):
     assert said(raw) == NOTHING
 
 
+@pytest.mark.parametrize("stamp", [-1, -(2**63), 2**31 * 10**9, 2**63 - 1])
+def test_a_stamp_that_no_message_and_no_file_could_hold_is_none(stamp):
+    assert said(ros_attachment(1, stamp, GID)) == said(named(stamp=stamp)) == said(attachment(stamp)) == NOTHING
+    assert said(attachment(stamp, b"frame")).fits(b"frame")
+    assert not said(attachment(stamp, b"frame")).fits(b"other")
+
+
 def test_the_stamp_is_read_in_both_byte_orders():
     little = ros.encode({}, POSE, stamp=STAMP)
     big = b"\x00\x00\x00\x00" + (STAMP // 10**9).to_bytes(4, "big") + (STAMP % 10**9).to_bytes(4, "big")
