@@ -67,8 +67,9 @@ class BusRecorder:
         self._cgroups: dict[str, Cgroup] = dict(cgroups or {})
         self._heard: queue.SimpleQueue[_Heard] = queue.SimpleQueue()
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._subscriber: Any = None
+        self._failure: Exception | None = None
 
     def __enter__(self) -> Self:
         if self._topics is not None:
@@ -90,12 +91,22 @@ class BusRecorder:
         self._subscriber.undeclare()
         self._ended.set()
         self._thread.join()
+        if self._failure is not None:
+            raise self._failure
 
     def _hear(self, sample: zenoh.Sample) -> None:
         """Copy what the callback has: the file is the writer thread's."""
+        if self._failure is not None:  # nobody takes it any more
+            return
         received, payload = time.time_ns(), sample.payload.to_bytes()
         encoding = encoding_of(str(sample.encoding), str(sample.key_expr), payload)
         self._heard.put(_Heard(str(sample.key_expr), encoding, payload, received, attached(sample).stamp or received))
+
+    def _work(self) -> None:
+        try:
+            self._write()
+        except Exception as error:  # noqa: BLE001 - raised again at the end of the `with` block
+            self._failure = error
 
     def _write(self) -> None:
         due = time.monotonic()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import errno
 import json
 import math
+import os
 import threading
 
 import pytest
@@ -16,6 +18,7 @@ from contextpolicy.streams.recordings import Excerpt, timeline_key
 from contextpolicy.streams.timeline import parse
 from robotkit.stereo import StereoFrame, encode
 from tests.modules.robotkit.bus import Matching, client, router
+from tests.waiting import until
 from timelines.recording.foxglove import schema_of, shown
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder, encoding_of, targets
@@ -86,6 +89,24 @@ def test_a_recording_replays_identical_payloads(tmp_path, cgroup):
     assert [at for at, _, _ in again] == sorted(at for at, _, _ in again)
     assert len(list(inputs.timed(0.2))) < len(again)
     assert len(list(_window(inputs, Options()))) == len(again)
+
+
+class Full:
+    """A file on a disk that is full."""
+
+    def heard(self, *_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    counted = heard
+
+
+def test_a_recording_that_cannot_be_written_is_an_error(cgroup):
+    def record(listener):
+        with BusRecorder(listener, Full(), {"slam": cgroup}) as recorder:
+            until(lambda: not recorder._thread.is_alive())
+
+    with router() as address, client(address) as listener, pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        record(listener)
 
 
 def test_the_file_has_metadata_and_attachments(tmp_path):
