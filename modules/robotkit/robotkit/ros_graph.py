@@ -83,8 +83,8 @@ def topic_of(key: str, *, type_hash: str) -> GraphTopic | None:
 
 
 def node_name(task: str) -> str:
-    """A task's name as ROS allows it for nodes."""
-    return re.sub(r"\W", "_", task)
+    """A task's name as ROS allows it for nodes: ASCII letters, digits and underscores, no digit first."""
+    return re.sub(r"^(?=\d)|\W", "_", task, flags=re.ASCII)
 
 
 def _mangled(name: str) -> str:

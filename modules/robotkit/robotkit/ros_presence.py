@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from robotkit.module import Input
 from robotkit.ros_graph import PUBLISHER, SUBSCRIPTION, GraphNode, GraphTopic, node_name, topic_of
 
 if TYPE_CHECKING:
@@ -11,7 +13,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from robotkit.module import Input, Module, Output
+    from robotkit.module import Module, Output
 
 CDR = "cdr"
 
@@ -62,7 +64,8 @@ def _topics(entries: Iterable[Input | Output]) -> list[GraphTopic]:
 def _topic(entry: Input | Output) -> GraphTopic | None:
     from robotkit.ros_types import hash_of  # noqa: PLC0415 - an extra, and megabytes
 
-    return topic_of(entry.key, type_hash=hash_of(entry.type, entry.ros, entry.types))
+    topic = topic_of(entry.key, type_hash=hash_of(entry.type, entry.ros, entry.types))
+    return replace(topic, depth=entry.depth) if topic is not None and isinstance(entry, Input) else topic
 
 
 def _domains(topics: Iterable[GraphTopic]) -> list[int]:

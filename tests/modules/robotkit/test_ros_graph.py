@@ -91,13 +91,20 @@ def test_other_keys_are_not_ros_topics(key):
     assert topic_of(key, type_hash="x") is None
 
 
-def test_node_names_are_made_valid_for_ros():
-    assert node_name("front-camera.2") == "front_camera_2"
+@pytest.mark.parametrize(
+    ("task", "name"),
+    [("front-camera.2", "front_camera_2"), ("3d-slam", "_3d_slam"), ("größe", "gr__e"), ("slam", "slam")],
+)
+def test_node_names_are_made_valid_for_ros(task, name):
+    assert node_name(task) == name
 
 
 MODULE = Module(
     "front-slam",
-    inputs={"scan": Input("0/scan/sensor_msgs::msg::dds_::LaserScan_/*", "cdr", SCAN), "own": Input("robot/imu")},
+    inputs={
+        "scan": Input("0/scan/sensor_msgs::msg::dds_::LaserScan_/*", "cdr", SCAN, depth=5),
+        "own": Input("robot/imu"),
+    },
     outputs={"pose": Output(topic_key("/slam/pose", POSE), "cdr", POSE), "own": Output("robot/slam/pose")},
 )
 
@@ -107,7 +114,7 @@ def test_the_bus_sees_the_node_and_its_topics_until_they_are_gone():
         zid = str(session.info.zid())
         node = token(zid, 0, "NN", "front_slam")
         pose = ("/slam/pose", "geometry_msgs::msg::dds_::PoseStamped_", hash_of(POSE), depth(10))
-        scan = ("/scan", "sensor_msgs::msg::dds_::LaserScan_", hash_of(SCAN), depth(10))
+        scan = ("/scan", "sensor_msgs::msg::dds_::LaserScan_", hash_of(SCAN), depth(5))
         published = token(zid, 1, "MP", "front_slam", pose)
         subscribed = token(zid, 2, "MS", "front_slam", scan)
 
