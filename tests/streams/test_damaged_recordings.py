@@ -8,9 +8,10 @@ from io import BytesIO
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType
 
-from contextpolicy.streams.mcap_index import Scan
+from contextpolicy.streams.mcap_index import LARGEST, BrokenError, Piece, Scan, _verify_summary, content_of
 from contextpolicy.streams.recorded_message import RecordingError
 from tests.fuzz import targets
 from tests.streams.damaging import COUNT, SENTENCE, flipped, read, refusal, write
@@ -123,14 +124,35 @@ def test_a_chunk_that_claims_to_be_huge_takes_no_memory(tmp_path):
     assert "a chunk would have 1152921504606846976 bytes" in refusal(path)
 
 
-class Reads(BytesIO):
-    """A file that counts how often it is read."""
+@pytest.mark.parametrize("opcode", [Opcode.MESSAGE, Opcode.CHUNK])
+def test_a_record_that_claims_to_be_huge_takes_no_memory(opcode):
+    file = Reads(b"short")
+    with pytest.raises(BrokenError, match=f"it would have {LARGEST + 1} bytes"):
+        content_of(file, Piece(0, 0, 0, LARGEST + 1, opcode))
+    assert file.count == 0
 
-    count = 0
+
+def test_a_summary_that_claims_to_be_the_whole_file_is_checked_in_blocks(tmp_path, monkeypatch):
+    path = write(tmp_path / "run.mcap")
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<Q", content, len(content) - 28, 8)  # where the summary begins: right behind the magic
+    file = Reads(content)
+    monkeypatch.setattr("contextpolicy.streams.mcap_index._BLOCK", 1000)
+    with pytest.raises(BrokenError, match="its checksum is wrong"):
+        _verify_summary(file, len(content))
+    assert file.most <= 1000
+
+
+class Reads(BytesIO):
+    """A file that counts how often it is read, and how many bytes at most."""
+
+    count = most = 0
 
     def read(self, size=-1, /):
         self.count += 1
-        return super().read(size)
+        content = super().read(size)
+        self.most = max(self.most, len(content))
+        return content
 
 
 HOLE = 8 << 20

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 MAGIC = b"\x89MCAP0\r\n"
 REPAIR = "`mcap recover` (mcap.dev/guides/cli) writes what can be read into a new file"
 LARGEST = 1 << 30
-"""Bytes of a chunk: writers stop at a few MiB, and a damaged size must not take all memory."""
+"""Bytes of a record: writers stop at a few MiB, and a damaged size must not take all memory."""
 _HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
 """Opcode, length, where the summary and its offsets start, and the checksum of all but that and the magic."""
@@ -83,6 +83,8 @@ def read_index(path: Path, damages: Damages) -> Index:
 
 def content_of(file: BinaryIO, piece: Piece) -> list[McapRecord]:
     """The records in a piece, their checksum verified; BrokenError if they can't be read."""
+    if piece.size > LARGEST:
+        raise BrokenError(f"it would have {piece.size} bytes")
     file.seek(piece.offset)
     content = file.read(piece.size)
     if len(content) < piece.size:
@@ -163,9 +165,17 @@ def _verify_summary(file: BinaryIO, size: int) -> None:
     if start > end:
         raise BrokenError("has a damaged summary: it would begin after its end")
     if start and checksum:
-        file.seek(start)
-        if zlib.crc32(footer[:_CHECKED], zlib.crc32(file.read(end - start))) != checksum:
+        if zlib.crc32(footer[:_CHECKED], _checksum(file, start, end)) != checksum:
             raise BrokenError("has a damaged summary: its checksum is wrong")
+
+
+def _checksum(file: BinaryIO, start: int, end: int) -> int:
+    """Of a part of a file, in blocks: by a damaged footer the summary can be as large as the file."""
+    file.seek(start)
+    checksum = 0
+    while block := file.read(min(_BLOCK, end - file.tell())):
+        checksum = zlib.crc32(block, checksum)
+    return checksum
 
 
 class Scan:
