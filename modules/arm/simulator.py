@@ -6,6 +6,8 @@ speed. A channel that sends no pulse knows no position. Errors are kept until th
 
 from __future__ import annotations
 
+import math
+
 from modules.arm.servos import Command, CommandParser, Opcode
 from robotkit.simulated import main
 
@@ -35,7 +37,8 @@ class Maestro:
     def advance(self, seconds: float) -> bytes:
         """Let pulses follow targets, and servos pulses."""
         for channel in range(CHANNELS):
-            limit = self.speeds[channel] * TICKS_PER_S * seconds
+            speed = self.speeds[channel]
+            limit = speed * TICKS_PER_S * seconds if speed else math.inf
             pulse = self.pulses[channel] = _towards(self.pulses[channel], self.targets[channel], limit)
             if pulse:
                 self.servos[channel] = _towards(self.servos[channel], pulse / 4, SERVO_US_PER_S * seconds)

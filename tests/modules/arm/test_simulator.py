@@ -39,6 +39,15 @@ def test_a_speed_limit_makes_the_users_guides_example():
     assert position(maestro, 5) == 1350
 
 
+def test_a_speed_limit_that_is_lifted_on_the_way_ends_it_at_once():
+    maestro = Maestro()
+    maestro.receive(servos.set_target(5, 1000) + servos.set_speed(5, 3500) + servos.set_target(5, 1350))
+    run(maestro, 0.05)
+    maestro.receive(servos._with_value(servos.Opcode.SET_SPEED, 5, 0))
+    run(maestro, maestro.period)
+    assert position(maestro, 5) == 1350
+
+
 def test_going_home_ends_the_pulses():
     maestro = Maestro()
     maestro.receive(servos.set_target(1, 1500) + servos.GO_HOME)
