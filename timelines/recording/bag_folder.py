@@ -13,7 +13,7 @@ import yaml
 
 from contextpolicy.streams.recorded_message import RecordingError
 from timelines.recording.channels import qos_of
-from timelines.recording.mcap_file import McapWriter
+from timelines.recording.mcap_file import ROS, McapWriter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,7 +35,8 @@ class BagWriter:
             raise RecordingError(f"{path} exists already: allowed is a new folder, or a file that ends in .mcap")
         self._path, self._topics = path, topics
         self._file = f"{path.name}_0.mcap"
-        self._ros, self._others = McapWriter(path / self._file, topics), McapWriter(path / OTHERS, topics)
+        # Of ROS from the start: a power cut may leave it as it begins.
+        self._ros, self._others = McapWriter(path / self._file, topics, ROS), McapWriter(path / OTHERS, topics)
         self._counts: Counter[Topic] = Counter()
         self._begin = self._end = 0
 

@@ -23,13 +23,13 @@ profile `ros2` all messages are CDR (mcap.dev/spec/registry), and rosbags reads 
 
 
 class McapWriter:
-    """Writes one file; use it in a `with` block, from one thread."""
+    """Writes one file; use it in a `with` block, from one thread. `header` is how it begins, until it is closed."""
 
-    def __init__(self, path: Path, topics: RosTopics | None = None) -> None:
+    def __init__(self, path: Path, topics: RosTopics | None = None, header: Header = MIXED) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("wb")
         self._writer = Writer(self._file, compression=CompressionType.ZSTD)
-        self._writer.start(profile=MIXED.profile, library=MIXED.library)
+        self._writer.start(profile=header.profile, library=header.library)
         self._topics = topics or RosTopics()
         self._channels: dict[Channel, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from io import BytesIO
 
 import pytest
 import yaml
@@ -133,6 +134,14 @@ def test_ros_topics_named_like_ours_are_only_recorded(tmp_path, name):
         reader = make_reader(file)
         assert reader.get_header().profile == "ros2"
         assert {channel.message_encoding for _, channel, _ in reader.iter_messages()} == {"cdr"}
+
+
+def test_a_folders_file_is_of_ros_before_it_is_complete(tmp_path):
+    """A power cut leaves it so, and rosbags reads no file of another profile, not even a repaired one."""
+    with BagWriter(tmp_path / "run", RosTopics()) as writer:
+        writer._ros._file.flush()
+        begun = (tmp_path / "run" / "run_0.mcap").read_bytes()
+    assert make_reader(BytesIO(begun)).get_header().profile == "ros2"
 
 
 def test_a_folders_metadata_is_what_rosbag2_expects(tmp_path):
