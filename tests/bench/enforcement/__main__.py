@@ -5,7 +5,7 @@
 Six synthetic tasks in cgroups of their own share two processors, without Kubernetes. Contexts follow a script and
 change which task is critical; one controller writes what a division wants, as the agent does. Factors are never mixed:
 the same gating, the same queues and the same inputs for everybody who is compared. The cells that a goal compares are
-run once in each block, the others in the first two, in another order in each. Needs root, a CPU controller (cgroup
+run once in each block, in another order in each, and all others twice after them. Needs root, a CPU controller (cgroup
 version 1, or 2 without realtime), and a quiet machine.
 
 Writes enforcement.jsonl (a line for each run, as it ends), enforcement.md, enforcement.json and enforcement.svg. A full
