@@ -164,9 +164,8 @@ def _verify_summary(file: BinaryIO, size: int) -> None:
     start, checksum = _FOOTER.unpack(footer)[2], _FOOTER.unpack(footer)[4]
     if start > end:
         raise BrokenError("has a damaged summary: it would begin after its end")
-    if start and checksum:
-        if zlib.crc32(footer[:_CHECKED], _checksum(file, start, end)) != checksum:
-            raise BrokenError("has a damaged summary: its checksum is wrong")
+    if start and checksum and zlib.crc32(footer[:_CHECKED], _checksum(file, start, end)) != checksum:
+        raise BrokenError("has a damaged summary: its checksum is wrong")
 
 
 def _checksum(file: BinaryIO, start: int, end: int) -> int:
