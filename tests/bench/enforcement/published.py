@@ -112,9 +112,7 @@ def _hit_and_p99(figures: Figures, task: str) -> str:
     return f"{percent(figures.hit(task))}, {'never' if math.isinf(slow) else f'{slow * 1000:.1f} ms'}"
 
 
-def _found(
-    journal: Journal, story: Story, load: float, divisions: Iterable[str], *, gated: bool
-) -> dict[str, Figures]:
+def _found(journal: Journal, story: Story, load: float, divisions: Iterable[str], *, gated: bool) -> dict[str, Figures]:
     cells = {name: Cell(story.name, load, Queue.NEWEST, gated=gated, division=name) for name in divisions}
     measured = {name: journal.figures(cell) for name, cell in cells.items()}
     return {name: figures for name, figures in measured.items() if figures}
