@@ -51,6 +51,8 @@ def test_chunks_matched_by_wildcards(expression, key, expected):
         ("arm$*/joint", "arm7", True),
         ("arm$*/joint", "7", False),
         ("lift/*", "@left", False),
+        ("*", "@left", False),
+        ("*", "left", True),
         ("lift/**", "a/b", True),
         ("lift/left", "left", False),
     ],

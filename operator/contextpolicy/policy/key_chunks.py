@@ -28,7 +28,7 @@ def may_match(expression: str, text: str) -> bool:
     if sum(map(_is_wild, chunks)) != len(parts):
         return False
     filled = iter(parts)
-    return matched(expression, "/".join(next(filled) if _is_wild(chunk) else chunk for chunk in chunks)) == text
+    return _match(chunks, [next(filled) if _is_wild(chunk) else chunk for chunk in chunks]) is not None
 
 
 def _match(expression: list[str], key: list[str]) -> list[str] | None:
