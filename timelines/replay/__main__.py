@@ -43,6 +43,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (ContextPolicyError, ConfigurationError, DatasetError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
+    except OSError as error:
+        sys.stderr.write(f"{options.record or options.timeline}: {error.strerror or error}\n")
+        return 1
     for note in options.damages.notes:
         sys.stderr.write(f"note: {note}\n")
     if report is not None:

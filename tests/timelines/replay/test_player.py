@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import errno
 import json
+import os
 import queue
 import threading
 from dataclasses import replace
@@ -189,6 +191,19 @@ def test_the_command_reports_bad_arguments(datasets, capsys, arguments, message)
     path.write_text(json.dumps(TIMELINE), encoding="utf-8")
     assert main([str(path) if argument == "FILE" else argument for argument in arguments]) == 1
     assert message in capsys.readouterr().err
+
+
+def test_a_disk_that_is_full_is_one_sentence(bus, datasets, tmp_path, capsys, monkeypatch):
+    address, _, _ = bus
+    path, recording = datasets / "short.json", tmp_path / "recorded.mcap"
+    path.write_text(json.dumps(TIMELINE), encoding="utf-8")
+
+    def fail(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("timelines.replay.__main__.publish", fail)
+    assert main([str(path), "--connect", address, "--datasets", str(datasets), "--record", str(recording)]) == 1
+    assert capsys.readouterr().err == f"{recording}: {os.strerror(errno.ENOSPC)}\n"
 
 
 def test_the_command_plays_ones_own_messages(bus, tmp_path, capsys):
