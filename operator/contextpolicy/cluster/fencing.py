@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
+from contextpolicy.cluster.paging import PageReader
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from contextpolicy.cluster.paging import Page
 
 
 class Fence(Protocol):
@@ -17,11 +20,11 @@ class Fence(Protocol):
         """Whether we may write in a namespace at this instant."""
 
 
-class PolicyApi(Protocol):
+class PolicyApi(PageReader, Protocol):
     """What running policies need of the API server."""
 
     def read(self, path: str) -> dict[str, Any]:
-        """GET an object or a list."""
+        """GET an object."""
 
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         """The data of a ConfigMap."""
@@ -51,6 +54,10 @@ class FencedApi:
     def read(self, path: str) -> dict[str, Any]:
         """See `ApiServer.read`."""
         return self._api.read(path)
+
+    def read_page(self, path: str, most: int | None) -> Page | None:
+        """See `ApiServer.read_page`."""
+        return self._api.read_page(path, most)
 
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         """See `ApiServer.config_map`."""
