@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from contextpolicy.actuators.resize import pod_patch
 from contextpolicy.actuators.resize.pod_patch import Patch, send
 from contextpolicy.actuators.resize.stored_originals import raw_of, read
-from contextpolicy.actuators.resize.vetting import Vetting
+from contextpolicy.actuators.resize.vetting import Vetting, VettingApi
 from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.occupancy import LeaseReader
 from contextpolicy.cluster.pod_parsing import view
@@ -24,12 +24,11 @@ if TYPE_CHECKING:
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures
     from contextpolicy.actuators.resize.vetting import Vetted
     from contextpolicy.cluster.occupancy import Occupancy
-    from contextpolicy.cluster.paging import Page
     from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
     from contextpolicy.policy.spec import Policy
 
 
-class RestoreApi(pod_patch.ResizeApi, LeaseReader, Protocol):
+class RestoreApi(pod_patch.ResizeApi, LeaseReader, VettingApi, Protocol):
     """The calls to the API server that a restoration needs."""
 
     def pods(self, namespace: str | None) -> Iterable[dict[str, Any]]:
@@ -37,12 +36,6 @@ class RestoreApi(pod_patch.ResizeApi, LeaseReader, Protocol):
 
     def policies(self, namespace: str | None) -> Iterable[dict[str, Any]]:
         """The ContextPolicy objects of a namespace, or of all (None), as they are read, for the same reason."""
-
-    def read(self, path: str) -> dict[str, Any]:
-        """GET an object."""
-
-    def read_page(self, path: str, most: int | None) -> Page | None:
-        """GET a part of a list; None if it has more bytes than `most`."""
 
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
         """Replace a policy's finalizers; Conflict when it has changed since `version`."""

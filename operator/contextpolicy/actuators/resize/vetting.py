@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from contextpolicy.actuators.resize.stored_originals import EntrySignatures, StoredOriginals
-    from contextpolicy.cluster.paging import Page
     from contextpolicy.cluster.pods import ContainerView, PodView
     from contextpolicy.policy.spec import Policy
 
@@ -33,14 +32,11 @@ WAY_OUT = "replace the pod"
 WAY_OUT_OF_SIGNED = f"let the release that signed it serve the namespace, or {WAY_OUT}"
 
 
-class VettingApi(Protocol):
+class VettingApi(paging.PageReader, Protocol):
     """What it needs of the API server."""
 
     def read(self, path: str) -> dict[str, Any]:
         """GET an object."""
-
-    def read_page(self, path: str, most: int | None) -> Page | None:
-        """GET a part of a list; None if it has more bytes than `most`."""
 
 
 @dataclass(frozen=True, slots=True)
