@@ -191,9 +191,9 @@ def test_original_held_by_another_policy_is_not_missing():
     assert case.vet({}) == Case().vet({})
 
 
-def test_heavy_policies_of_others_do_not_exhaust_the_memory():
+def test_heavy_policies_of_others_do_not_exhaust_the_memory(monkeypatch):
     case = Case(a_resized_pod(), owner=an_owner())
-    case.cluster.read_page = PagedServer(100, a_heavy_policy).read_page
+    monkeypatch.setattr(case.cluster, "read_page", PagedServer(100, a_heavy_policy).read_page)
     assert peak(lambda: case.vet({})) < 40 * MIB
     assert limits(case.vet({})) == {"uid-slam": 500}
 
@@ -236,7 +236,7 @@ def test_each_owner_is_read_once():
     case = Case(*(a_resized_pod(f"slam-{index}") for index in range(5)), owner=an_owner())
     asked: list[str] = []
 
-    class Api:
+    class Api(FakeCluster):
         def read(self, path: str) -> dict[str, Any]:
             asked.append(path)
             return case.cluster.read(path)
