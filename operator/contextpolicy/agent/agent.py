@@ -150,7 +150,7 @@ class Agent:
     def on_silence(self, policy: str) -> None:
         """For the grace period nothing has shown that the policy's plan holds: give it up."""
         if self._ledger.of(policy):
-            log.warning("%s: no plans for %g s; undoing everything", policy, self._settings.grace)
+            log.warning("%s: no valid plan during the grace period; undoing the last one", policy)
         self._release(policy, leave_agreed=policy in self._sources)
         self._admission.forget(policy)
 
