@@ -360,11 +360,11 @@ def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore
     assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
 
 
-def test_heavy_policies_of_others_do_not_exhaust_the_memory(restore: Any) -> None:
+def test_heavy_policies_of_others_do_not_exhaust_the_memory(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     assert restore(server, "--dry-run")[0] == 0
     own, heavy = server.policies, PagedServer(100, a_heavy_policy)
-    server.policies = lambda space: chain(own(space), items(heavy, "/policies"))  # type: ignore[method-assign]
+    monkeypatch.setattr(server, "policies", lambda space: chain(own(space), items(heavy, "/policies")))
     assert peak(lambda: restore(server)) < 40 * MIB
     assert server.cluster.limit("slam") == 500
 

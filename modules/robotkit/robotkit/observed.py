@@ -89,7 +89,7 @@ class Observed:
             for queue in self._queues.values():
                 queue.clear()
 
-    def _end(self, name: str, stamp: int, now: int) -> None:
+    def _end(self, name: str, stamp: int | None, now: int) -> None:
         queue = self._queues[name]
         while (heard := queue.popleft()).stamp != stamp:
             self.dropped[name] += self._answers_all
