@@ -252,6 +252,6 @@ def test_undo_works_without_a_router(node, monkeypatch):
     monkeypatch.setenv("NODE_NAME", NODE)
     monkeypatch.setenv("ZENOH_CONNECT", f"tcp/127.0.0.1:{free_port()}")
     undoing = node.run("agent-supervisor", "--undo")
-    said(undoing, "can't be shown")
+    said(undoing, "could not report to the operator")
     assert undoing.wait(PATIENCE) == 0
     assert node.undone()

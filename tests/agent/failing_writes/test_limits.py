@@ -73,7 +73,7 @@ def test_a_file_that_cannot_be_watched_is_not_written(node):
 
 
 def test_incapable_node_confirms_no_container(node, monkeypatch):
-    monkeypatch.setattr(node.agent, "_missing", {"CFS": ["no CPU controller"]})
+    monkeypatch.setattr(node.agent._node, "missing", {"CFS": ["no CPU controller"]})
     assert failed(plan(node.agent)) == {"a": "Incapable", "b": "Incapable"}
 
 
