@@ -84,7 +84,8 @@ def topic_of(key: str, *, type_hash: str) -> GraphTopic | None:
 
 def node_name(task: str) -> str:
     """A task's name as ROS allows it for nodes: ASCII letters, digits and underscores, no digit first."""
-    return re.sub(r"^(?=\d)|\W", "_", task, flags=re.ASCII)
+    name = re.sub(r"\W", "_", task, flags=re.ASCII)
+    return f"task_{name}" if name[:1].isdigit() else name  # an underscore first would hide it from `ros2 node list`
 
 
 def _mangled(name: str) -> str:

@@ -93,7 +93,7 @@ def test_other_keys_are_not_ros_topics(key):
 
 @pytest.mark.parametrize(
     ("task", "name"),
-    [("front-camera.2", "front_camera_2"), ("3d-slam", "_3d_slam"), ("größe", "gr__e"), ("slam", "slam")],
+    [("front-camera.2", "front_camera_2"), ("3d-slam", "task_3d_slam"), ("größe", "gr__e"), ("slam", "slam")],
 )
 def test_node_names_are_made_valid_for_ros(task, name):
     assert node_name(task) == name
