@@ -49,11 +49,11 @@ class McapWriter:
 
     def close(self) -> None:
         """Finish the file."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        if self._channels and not self.mixed and next(iter(self._channels)).encoding == "cdr":
-            self._file.seek(8)  # behind the magic
-            self._file.write(_bytes(ROS))
-        self._file.close()
+        with self._file:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            if self._channels and not self.mixed and next(iter(self._channels)).encoding == "cdr":
+                self._file.seek(8)  # behind the magic
+                self._file.write(_bytes(ROS))
 
     def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
         """Write a message of the bus as it is, and what a viewer can draw of it; times are in ns since 1970."""

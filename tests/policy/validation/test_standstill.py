@@ -183,7 +183,7 @@ def test_a_task_that_waits_for_the_context_that_suspends_it_is_reported(speech):
     [
         {"requires": [{"when": "contexts.quiet", "hold": "2s"}]},
         {"requires": [{"when": "!contexts.quiet"}]},
-        {"requires": [{"when": "contexts.quiet || imu.x > 1"}]},
+        {"requires": [{"when": "contexts.quiet || imu.x < 0"}]},
         {"activity": [{"when": "contexts.quiet", "hold": "2s"}]},
         {"activity": [{"when": "contexts.quiet", "decay": "2s"}]},
         {"activity": [{"when": "contexts.quiet", "until": "mic.level > 1"}]},

@@ -193,17 +193,14 @@ def test_the_command_reports_bad_arguments(datasets, capsys, arguments, message)
     assert message in capsys.readouterr().err
 
 
-def test_a_disk_that_is_full_is_one_sentence(bus, datasets, tmp_path, capsys, monkeypatch):
+def test_the_command_reports_a_recording_that_cannot_be_written(bus, datasets, tmp_path, capsys):
     address, _, _ = bus
-    path, recording = datasets / "short.json", tmp_path / "recorded.mcap"
+    path, recording = datasets / "short.json", tmp_path / "run.mcap"
     path.write_text(json.dumps(TIMELINE), encoding="utf-8")
-
-    def fail(*_, **__):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("timelines.replay.__main__.publish", fail)
-    assert main([str(path), "--connect", address, "--datasets", str(datasets), "--record", str(recording)]) == 1
-    assert capsys.readouterr().err == f"{recording}: {os.strerror(errno.ENOSPC)}\n"
+    recording.symlink_to("/dev/full")
+    arguments = [str(path), "--connect", address, "--datasets", str(datasets), "--rate", "10"]
+    assert main([*arguments, "--record", str(recording)]) == 1
+    assert os.strerror(errno.ENOSPC) in capsys.readouterr().err
 
 
 def test_the_command_plays_ones_own_messages(bus, tmp_path, capsys):
