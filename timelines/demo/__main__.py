@@ -82,13 +82,14 @@ def _play(*, agent: bool) -> tuple[Recording, float, Conversion]:
         player.start()
         _show(recorder.recording, player, started, timeline.duration)
         player.join(timeout=timeline.duration)
-        return recorder.recording, started, _conversion(cgroups)
+        return recorder.recording, started, _conversion(cgroups, agent=agent)
 
 
-def _conversion(cgroups: Mapping[str, Cgroup]) -> Conversion:
+def _conversion(cgroups: Mapping[str, Cgroup], *, agent: bool) -> Conversion:
     """How the policy's weights arrive on this node."""
     version = next(iter(cgroups.values())).version
-    return Conversion(version, deploy.request_factor(), deploy.requests_beside())
+    protected = None if agent else deploy.PROTECTED
+    return Conversion(version, deploy.request_factor(), deploy.requests_beside(), protected)
 
 
 def _show(recording: Recording, player: threading.Thread, started: float, duration: float) -> None:

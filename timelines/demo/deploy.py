@@ -18,7 +18,9 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 SYSTEM, ROBOT = "contextpolicy-system", "robot"
 POLICY = REPOSITORY / "config" / "policies" / "whole-robot.yaml"
 MODULES = REPOSITORY / "charts" / "robot"
-TASKS = tuple(task["name"] for task in yaml.safe_load(POLICY.read_text(encoding="utf-8"))["spec"]["tasks"])
+_SPECS = yaml.safe_load(POLICY.read_text(encoding="utf-8"))["spec"]["tasks"]
+TASKS = tuple(task["name"] for task in _SPECS)
+PROTECTED = frozenset(task["name"] for task in _SPECS if task.get("protected"))
 VALUES = Path(__file__).with_name("values.yaml")
 TIMEOUT = "180s"
 SET_AGENT = f" --set agent.enabled=true,security.namespaces={{{ROBOT}}}"

@@ -8,9 +8,10 @@ from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.agent import weight_units
+from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from timelines.demo.recorder import Recording
 
@@ -29,17 +30,25 @@ class Conversion:
     """How a plan's weights arrive in pods' cgroups.
 
     `factor` makes requests of them where no agent writes them; `beside` are the requests of a pod's other containers,
-    in thousandths of a core; `version` is that of the cgroup hierarchy.
+    in thousandths of a core; `version` is that of the cgroup hierarchy. A target's weight is what an agent writes,
+    which is cut to what all other pods leave. Requests are made of the weights before that, for which the `protected`
+    tasks count; it is None where an agent writes.
     """
 
     version: int
     factor: float = 1.0
     beside: Mapping[str, int] | None = None
+    protected: Collection[str] | None = None
 
-    def weight(self, task: str, cores: float) -> int:
-        """The weight of the task's pod."""
-        own = int(round(cores * 1000) * self.factor)
-        return weight_units.of_pod(own + (self.beside or {}).get(task, 0), self.version)
+    def weight(self, target: Mapping[str, Any]) -> int:
+        """The weight of the pod of a plan's target."""
+        own = int(self._millicores(target) * self.factor)
+        return weight_units.of_pod(own + (self.beside or {}).get(target["task"], 0), self.version)
+
+    def _millicores(self, target: Mapping[str, Any]) -> int:
+        if self.protected is None or not target["weight"]:
+            return round(target["weight"] * 1000)
+        return max(round(target["cores"] * 1000), PROTECTED_WEIGHT if target["task"] in self.protected else 0)
 
 
 class Wanted(NamedTuple):
@@ -128,9 +137,7 @@ def medians(found: Sequence[Reaction]) -> dict[str, float]:
 
 def _wanted(plan: Mapping[str, Any], conversion: Conversion) -> dict[str, Wanted]:
     return {
-        one["task"]: Wanted(
-            None if one["weight"] is None else conversion.weight(one["task"], one["weight"]), one["quota"]
-        )
+        one["task"]: Wanted(None if one["weight"] is None else conversion.weight(one), one["quota"])
         for one in plan.get("targets", ())
     }
 

@@ -122,7 +122,7 @@ class Workbench:
                 self._install(trial)
                 execute(trial, conditions, folder)
             except (deploy.DeployError, SlowedError, zenoh.ZError) as error:
-                self._installed = None  # whatever it was, all is installed anew
+                self._installed = None  # everything is installed again, whatever was there
                 failures.append(str(error))
                 if len(failures) == TRIES:
                     raise

@@ -17,6 +17,7 @@ def a_plan(sequence, trigger, shares, *contexts, took=0.002, weights=None):
         "targets": [
             {
                 "task": name,
+                "cores": share,
                 "weight": None if weights is None else weights[name],
                 "quota": share if weights is None or share < 0.02 else 1.0,
             }
@@ -189,6 +190,17 @@ def test_without_an_agent_weights_are_scaled_to_requests():
     recording = under_weights()
     recording.weights = limits(slam=[(1.1, 358), (5.1, 609)], speech=[(1.1, 256), (5.1, 2)])
     assert mismatches(recording, set(), half) == []
+
+
+def test_requests_are_made_of_the_weights_before_they_are_cut_for_an_agent():
+    """A protected task weighs a core there, however little it needs."""
+    recording = under_weights()
+    for plan in recording.plans:
+        for target in plan["targets"]:
+            target["weight"] /= 2
+    recording.weights = limits(slam=[(1.1, 512)], speech=[(1.1, 256), (5.1, 2)])
+    assert mismatches(recording, set(), Conversion(1, factor=0.5, protected={"slam"})) == []
+    assert mismatches(recording, set(), Conversion(1, factor=0.5)) != []
 
 
 def test_a_suspension_that_lasts_and_never_reached_the_api_is_named():
