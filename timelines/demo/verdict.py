@@ -46,9 +46,10 @@ class Conversion:
         return weight_units.of_pod(own + (self.beside or {}).get(target["task"], 0), self.version)
 
     def _millicores(self, target: Mapping[str, Any]) -> int:
-        if self.protected is None or not target["weight"]:
-            return round(target["weight"] * 1000)
-        return max(round(target["cores"] * 1000), PROTECTED_WEIGHT if target["task"] in self.protected else 0)
+        weight, share = float(target["weight"]), float(target["cores"])
+        if self.protected is None or not weight:
+            return round(weight * 1000)
+        return max(round(share * 1000), PROTECTED_WEIGHT if target["task"] in self.protected else 0)
 
 
 class Wanted(NamedTuple):
