@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import multiprocessing
 import os
 import time
 from pathlib import Path
 
 import pytest
+from kubernetes.utils.quantity import parse_quantity
 
 from contextpolicy.agent.weight_units import FILES, of_pod
 from tests.e2e.agents import NAMESPACE, group, usage
@@ -29,8 +31,6 @@ HOG = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"memory": "64Mi"
 GUARANTEED = {kind: {"cpu": "200m", "memory": "64Mi"} for kind in ("requests", "limits")}
 NODE, BESIDE = 2000, 210
 """The node, and what the pods of `hogs` request of it: so the weights of the tasks add up to the rest."""
-RELEASE = 260
-"""What the pods of the release request in a namespace that the operator does not watch: operator, router and agent."""
 PARTS = {"slam": 0.9, "speech": 0.1}
 ALL_PODS = Path("/sys/fs/cgroup/cpuacct/kubepods/cpuacct.usage")
 SYSTEM = 1024
@@ -193,11 +193,20 @@ def test_a_deleted_policy_leaves_every_weight_as_the_api_says(tasks):
     until("all weights are back", lambda: (now := [weight(folder) for folder in folders]) == before or now)
 
 
+def requested_by_others():
+    """Thousandths of a core that all pods on the node but the tasks request, whatever namespace they are in."""
+    pods = json.loads(run("kubectl", "get", "pods", "-A", "-o", "json"))["items"]
+    others = [pod for pod in pods if pod["metadata"]["name"] not in PARTS]
+    containers = [container["resources"] for pod in others for container in pod["spec"]["containers"]]
+    requests = [resources.get("requests", {}).get("cpu", "0") for resources in containers]
+    return round(1000 * sum(parse_quantity(amount) for amount in requests))
+
+
 @pytest.fixture
-def protected(tasks):
+def protected(tasks, hogs):  # noqa: ARG001 - what they request is reserved
     """Both tasks would each weigh a core; what all other pods request is reserved, as the operator sees only some."""
     own = [task(name, protected=True) for name in ("slam", "speech")]
-    reserve = BESIDE + RELEASE
+    reserve = requested_by_others()
     tasks.policy(reserve=f"{reserve}m", enforcement={"control": "Weight"}, tasks=own)
     weighted(tasks, (NODE - reserve) / 2)
     return tasks
@@ -208,7 +217,6 @@ def part_of_all(pod):
     return weight(pod) / sum(weight(other.parent) for other in pod.parent.glob(f"*/{FILES[1]}"))
 
 
-@pytest.mark.usefixtures("hogs")
 def test_pods_without_a_policy_keep_their_part_of_the_weights(protected):
     """The group of a pod that was deleted may still be there for a while, and weights are whole numbers."""
     pod = group(protected, "guaranteed").parent
@@ -216,7 +224,6 @@ def test_pods_without_a_policy_keep_their_part_of_the_weights(protected):
 
 
 @pytest.mark.xfail(reason="Linux 6.18 gave one busy thread a third of its part (see the threat model)", strict=False)
-@pytest.mark.usefixtures("hogs")
 def test_pods_without_a_policy_receive_their_part(protected):
     """Under full contention."""
     due = part_of_all(group(protected, "guaranteed").parent)
