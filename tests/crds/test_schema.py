@@ -46,7 +46,7 @@ def test_the_definition_names_every_function():
     assert [name for name in NAMES if not re.search(rf"\b{name}\b", reported)] == []
 
 
-@pytest.mark.parametrize("place", ["Besides CEL's own functions", "a word of CEL cannot be a feature's name"])
+@pytest.mark.parametrize("place", ["Besides CEL's own functions", "a CEL keyword cannot be a feature's name"])
 def test_missing_placeholder_is_an_error(place):
     with pytest.raises(LookupError, match="0 places"):
         written(DEFINITION.read_text(encoding="utf-8").replace(place, "something else"))

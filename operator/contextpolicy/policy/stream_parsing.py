@@ -49,17 +49,18 @@ def parse_stream(fields: Fields) -> Stream:
         _check_sources(fields, result)
     for name in ("ros", "types"):
         if name in fields and result.encoding is not Encoding.CDR:
-            fields.refuse(name, fields.raw(name), "encoding cdr with it: other encodings have no message types")
+            fields.refuse(name, fields.raw(name), "encoding cdr with it, as other encodings have no message types")
     fields.close()
     return result
 
 
 def _check_sources(fields: Fields, stream: Stream) -> None:
     if stream.key and "*" not in stream.key:
-        fields.refuse("sources", stream.sources, "sources beside a key with wildcards, which name them")
+        fields.refuse("sources", stream.sources, "a key with wildcards, which distinguish the sources")
     for name in ("debounce", "sampleEvery"):
         if name in fields:
-            fields.refuse(name, fields.raw(name), f"sources without {name}, which would drop one source for another")
+            expected = f"sources without {name}, which would drop samples of one source in favour of another"
+            fields.refuse(name, fields.raw(name), expected)
     for number, feature in enumerate(stream.features):
         if feature.name in {"source", "sources"}:
             fields.refuse(f"features[{number}].name", feature.name, "another name: sources give samples this field")

@@ -159,7 +159,7 @@ def test_an_edit_keeps_the_sources():
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
-        ({"key": "lift/left"}, "sources beside a key with wildcards"),
+        ({"key": "lift/left"}, "a key with wildcards"),
         ({"sources": 0}, "an integer from 1 to 16"),
         ({"sources": 17}, "an integer from 1 to 16"),
         ({"sources": 2.5}, "an integer from 1 to 16"),

@@ -54,7 +54,7 @@ def expected(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str |
         ((*TASK, "container"), "slam\n", "lower-case letters, digits and '-', no '-' at either end"),
         ((*TASK, "priority"), 1e7, "a number from 0 to 1000000"),
         ((*STREAM, "minDwell"), "1s", "one of the fields "),
-        ((*STREAM, "staleAfter"), "0s", "must be longer than 0s; leave it out to let a silent stream count forever"),
+        ((*STREAM, "staleAfter"), "0s", "must be longer than 0s; omit it to keep a silent stream's last value forever"),
         ((*STREAM, "debounce"), "1m" * 17, "at most 32 characters"),
         (("spec", "force", "until"), "2027-01-01T00:00+01:00", "a date and time as in RFC 3339, such as"),
         ((*GROUP, "subtasks"), [], "a selector for a task in a container, subtasks for one without"),
