@@ -7,7 +7,7 @@ import pytest
 from tests.charts.conftest import CHART, HOOK, hooks, set_all
 from tests.charts.objects import EVERYTHING, container
 
-ADVICE = "Before you uninstall, let the operator put every container back"
+ADVICE = "Before you uninstall, let the operator restore every container"
 
 
 def notes(helm, *settings):
