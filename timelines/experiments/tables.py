@@ -104,69 +104,10 @@ def alone(evidence: Evidence) -> str:
     }
     if not counts:
         return ""
+    times = " or ".join(str(one) for one in sorted(counts))
     return (
-        f"Runs of each task alone by story and load: {' or '.join(map(str, sorted(counts)))}. They serve all blocks in turn,"
-        " since nothing contends with them; p does not have their own spread.\n"
-    )
-
-
-def goals(found: Iterable[Verdict]) -> str:
-    """Each goal with its least sure case."""
-    rows = []
-    for one in found:
-        case, title = one.worst, CONFIGURATIONS[one.goal.configuration].title
-        measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
-        better = gain(case.gain) if case else NONE
-        rows.append([one.goal.load, one.goal.name, title, measured, better, f"{one.probability:.3g}", _WORDS[one.met]])
-    head = ["load", "goal", "configuration", "least sure case", "better than asked by", "p (Holm)", ""]
-    return table(head, rows)
-
-
-def gain(found: Interval) -> str:
-    """By how much something is better than asked, with its interval."""
-    return f"{found.mean:+.3g} [{found.low:+.3g}, {found.high:+.3g}]"
-
-
-def of_load(evidence: Evidence, load: str) -> str:
-    """A row for each configuration: hit rates in percent, and CPU seconds a run. Empty without runs."""
-    found = runs_of(evidence, load)
-    about = rates.by_context(run.schedule for runs in found.values() for run in runs)
-    head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
-    rows = []
-    for name, runs in found.items():
-        hits = [percent(rates.critical(runs, context, task)) for context, task in about.items()]
-        hits += [percent(rates.whole(runs, task)) for task in PROTECTED]
-        rows.append([CONFIGURATIONS[name].title, _blocks(runs), *hits, *_cpu(name, runs)])
-    width = len(head) + 3
-    rows += [[CONFIGURATIONS[name].title, "not run", *[NONE] * (width - 2)] for name in _absent(evidence, load, found)]
-    return table([*head, "CPU of the tasks", "of the control", "of all else"], rows) if found else ""
-
-
-def _absent(evidence: Evidence, load: str, found: Iterable[str]) -> list[str]:
-    """The configurations of which a load has no run at all, though there should be some."""
-    return sorted({one.configuration for one in evidence.absent if one.load == load} - set(found))
-
-
-def absences(evidence: Evidence) -> str:
-    """A line for each reason for which runs could not be done. Empty where all were."""
-    counts = Counter((one.configuration, one.load, one.reason) for one in evidence.absent)
-    return "".join(
-        f"- {CONFIGURATIONS[name].title}, {load} load, {count} {'run' if count == 1 else 'runs'}: not run: {reason}.\n"
-        for (name, load, reason), count in counts.items()
-    )
-
-
-def alone(evidence: Evidence) -> str:
-    """How often each task was run alone, and that these runs serve all blocks. Empty without any."""
-    counts = {
-        len(runs) for (load, _, name), runs in evidence.runs.items() if name == ALONE.name and load != PAPERS_LOAD
-    }
-    if not counts:
-        return ""
-    times = " or ".join(f"{one}" for one in sorted(counts))
-    return (
-        f"Each task alone was played {times} times a story and load, as nothing contends with it. These runs serve all"
-        " blocks in turn, so that p does not have their own spread.\n"
+        f"Runs of each task alone by story and load: {times}. They serve all blocks in turn, since nothing"
+        " contends with them; p does not have their own spread.\n"
     )
 
 
