@@ -66,6 +66,9 @@ class Campaign:
         configuration that fails is left out, so that the others are measured.
         """
         missing = [trial for trial in trials if not self._has(trial)]
+        if trials and not missing:
+            folders = self._bench.folders
+            self._progress.say(f"nothing is left to run: delete {folders.raw} and {folders.data} to begin again")
         for number, trial in enumerate(missing):
             if self._is_given_up(trial):
                 continue

@@ -11,6 +11,7 @@ import pytest
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
+from timelines.experiments import installation
 from timelines.experiments.blocks import HEAVY, trials
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
@@ -112,7 +113,7 @@ def test_a_node_on_which_everything_fails_ends_the_runs(tmp_path):
 
 
 def test_what_this_node_is_not_able_to_do_is_reported(monkeypatch, tmp_path):
-    monkeypatch.setattr(command.installation, "obstacle", lambda one, **_: "it can't" if one is WEIGHTS else "")
+    monkeypatch.setattr(installation, "obstacle", lambda one, **_: "it can't" if one is WEIGHTS else "")
     lines = Lines()
     made = Campaign(Bench(tmp_path), {}, {}, lines)
     able = command._able(made, CHOSEN, {HEAVY: Setting(Capacity(1, 0.4), {})})
@@ -158,7 +159,9 @@ def test_a_run_that_is_kept_is_not_repeated_where_its_recording_is_gone(tmp_path
     before = {path: path.read_bytes() for path in (tmp_path / "data" / "blocks").iterdir()}
     shutil.rmtree(tmp_path / "raw")
     again = Bench(tmp_path)
-    assert run(again) == (0, [])
+    left, said = run(again)
+    assert left == 0
+    assert said == [f"nothing is left to run: delete {tmp_path / 'raw'} and {tmp_path / 'data'} to begin again"]
     assert again.done == []
     assert {path: path.read_bytes() for path in before} == before
 
