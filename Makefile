@@ -8,7 +8,9 @@ VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
 # Not of the operator, or all of it at random: coverage, under which a test takes 2.5 times as long, is of the others.
 UNTRACED := tests/bench tests/fuzz tests/modules tests/oracle tests/timelines
-STORIES := $(wildcard timelines/experiments/stories/*.yaml)
+STORIES := $(basename $(notdir $(wildcard timelines/experiments/stories/*.yaml)))
+PAPER := exp1 exp2 exp3
+chosen = $(filter $(or $(EXP),%),$(1))
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
 BOARD ?= raspberry-pi-4
@@ -83,8 +85,8 @@ simulate: setup  ## without root or cluster: what would POLICY decide on TIMELIN
 
 experiments: images recordings  ## compare ways to divide the CPU on a real, quiet node (EXP=exp3 REPEATS=1 for a quick look); goes on where it stopped
 	mkdir -p build/experiments/timelines
-	$(PYTHON) -m timelines.scenarios $(STORIES) --record --out build/experiments/timelines
-	$(PYTHON) -m timelines.datasets $(foreach name,exp1 exp2 exp3,$(name) speech/$(name) signs/$(name))
+	$(if $(call chosen,$(STORIES)),$(PYTHON) -m timelines.scenarios $(patsubst %,timelines/experiments/stories/%.yaml,$(call chosen,$(STORIES))) --record --out build/experiments/timelines)
+	$(if $(call chosen,$(PAPER)),$(PYTHON) -m timelines.datasets $(foreach name,$(call chosen,$(PAPER)),$(name) speech/$(name) signs/$(name)))
 	$(CLUSTER) exec -- $(PYTHON) -m timelines.experiments $(EXP) $(if $(REPEATS),--blocks $(REPEATS)) $(if $(COMMIT),--commit)
 
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory

@@ -22,21 +22,24 @@ from timelines.demo import deploy
 from timelines.experiments import installation
 from timelines.experiments.blocks import trials
 from timelines.experiments.calibration import LOADS
-from timelines.experiments.campaign import Campaign
+from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
 from timelines.experiments.prepare import Preparation, name, settings, tuned_weights
 from timelines.experiments.record import RecordError
 from timelines.experiments.report import write_report
-from timelines.experiments.slowed import SlowedError
 from timelines.experiments.stories import HELD_OUT, PAPER
 from timelines.experiments.workbench import Folders, Workbench
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+
+    from timelines.experiments.blocks import Trial
+    from timelines.experiments.workbench import Setting
 
 OUT = deploy.REPOSITORY / "build" / "experiments"
-DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
+RESULTS = deploy.REPOSITORY / "timelines" / "results"
+DATA = RESULTS / "data"
 REPORTED = [story.name for story in (*HELD_OUT, *PAPER)]
 console = Console() if sys.stdout.isatty() else Console(width=120)  # a pipe has no width, and 80 would cut lines
 
@@ -46,39 +49,63 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     quick = bool(options.stories or options.only or options.loads or options.blocks)
     raw = options.out / "quick" if quick else options.out
-    data = options.data or (raw / "data" if quick else DATA)
+    folders = Folders(
+        raw, options.data or (raw / "data" if quick else DATA), options.datasets, options.out / "timelines"
+    )
+    ran = options.report_only or _succeeds(lambda: _run(options, Workbench(folders), quick=quick))
+    kept = options.commit and not quick
+    reported = _succeeds(lambda: _report(folders.data, options.report or (RESULTS if kept else raw), commit=kept))
+    return 0 if ran and reported else 1
+
+
+def _succeeds(step: Callable[[], bool]) -> bool:
+    """Do a step, and say why it failed."""
     try:
-        if not options.report_only:
-            folders = Folders(raw, data, options.datasets, options.out / "timelines")
-            _run(options, Workbench(folders), quick=quick)
-        evidence = Evidence.read(data)
-        if evidence.runs:
-            Lines().say(f"report: {write_report(evidence, options.report or raw)}")
-    except (ContextPolicyError, DatasetError, deploy.DeployError, RecordError, SlowedError) as error:
-        console.print(f"[red]{error}[/]", highlight=False)
-        return 1
-    return 0
+        return step()
+    except (ContextPolicyError, DatasetError, deploy.DeployError, RecordError) as error:
+        console.print(str(error), style="red", highlight=False, markup=False)
+        return False
 
 
-def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> None:
+def _report(data: Path, out: Path, *, commit: bool) -> bool:
+    """Write the report, also where runs have failed: what was measured before is worth reading."""
+    evidence = Evidence.read(data)
+    if evidence.runs:
+        Lines().say(f"report: {write_report(evidence, out)}")
+    failed = commit_folder(out, "Report the experiments") if commit and evidence.runs else ""
+    if failed:
+        Lines().say(failed)
+    return True
+
+
+def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:
+    """Run what is missing; False if a configuration had to be given up."""
     data = bench.folders.data
     frozen = dict(read_frozen(DATA if quick else data))
     if not quick:
         _prepare(Preparation(bench, Lines()), frozen, data)
+    elif frozen:
+        write_frozen(data, frozen)
     found = settings(frozen)
-    chosen = list(
-        trials(
-            stories=options.stories,
-            only=options.only,
-            loads=options.loads,
-            most=options.blocks,
-            can=lambda configuration, load: installation.can(configuration, slow=found[load].capacity.part < 1),
-        )
-    )
+    chosen = list(trials(stories=options.stories, only=options.only, loads=options.loads, most=options.blocks))
     campaign = Campaign(bench, found, tuned_weights(frozen), Lines())
-    left = campaign.run(chosen, until=_until(options.minutes), commit=options.commit)
+    able = _able(campaign, chosen, found)
+    left = campaign.run(able, until=_until(options.minutes), commit=options.commit)
     if left:
         Lines().say(f"{left} runs are left: the same command goes on with them")
+    return not campaign.failed
+
+
+def _able(campaign: Campaign, chosen: Sequence[Trial], found: Mapping[str, Setting]) -> list[Trial]:
+    """The runs that this node is able to do; of the others it is reported why it is not."""
+    able = list(chosen)
+    for load, configuration in dict.fromkeys((one.load, one.configuration) for one in chosen):
+        reason = installation.obstacle(configuration, slow=found[load].capacity.part < 1)
+        if reason:
+            own = [one for one in chosen if (one.load, one.configuration) == (load, configuration)]
+            campaign.leave_out(own, reason)
+            able = [one for one in able if one not in own]
+    return able
 
 
 def _prepare(preparation: Preparation, frozen: dict[str, object], data: Path) -> None:

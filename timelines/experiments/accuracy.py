@@ -65,6 +65,7 @@ def _poses(judge: Judge, run: RunData) -> Accuracy | None:
     """ATE of the poses that SLAM trusts."""
     from modules.slam.estimates import Estimate  # noqa: PLC0415 - OpenCV and GTSAM load slowly
     from modules.slam.evaluation import evaluate  # noqa: PLC0415
+    from modules.slam.trajectory import TrajectoryError  # noqa: PLC0415
     from modules.slam.trajectory import load as load_trajectory  # noqa: PLC0415
 
     estimate = Estimate()
@@ -74,7 +75,10 @@ def _poses(judge: Judge, run: RunData) -> Accuracy | None:
     sequence = judge.datasets / truth.partition("/")[0]
     if len(estimate.poses) < FEWEST_POSES or not truth or not (judge.datasets / truth).is_dir():
         return None
-    report: Any = evaluate(estimate.trajectory, load_trajectory(sequence))
+    try:
+        report: Any = evaluate(estimate.trajectory, load_trajectory(sequence))
+    except TrajectoryError:  # too few are of moments that the truth has
+        return None
     return Accuracy("ATE", report["ate"]["rmse"], "m", report["compared"], more_is_better=False)
 
 

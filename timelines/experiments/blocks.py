@@ -18,7 +18,7 @@ from timelines.experiments.configurations import (
 from timelines.experiments.stories import HELD_OUT, PAPER, Story
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 SEED = 20_261_126
 LIGHT, HEAVY, PAPERS_LOAD = "light", "heavy", "paper"
@@ -76,24 +76,27 @@ class Trial(NamedTuple):
         return f"{self.story.name}-{self.configuration.name}"
 
     @property
+    def cell(self) -> tuple[str, str, str, int]:
+        """Where it is among all runs: load, story, configuration and block."""
+        return self.load, self.story.name, self.configuration.name, self.block
+
+    @property
     def seconds(self) -> float:
         """How long inputs come."""
         return self.story.seconds * (TASKS if self.configuration.alone else 1)
 
 
-def trials(  # noqa: PLR0913 - what may be chosen, by keyword
+def trials(
     *,
     parts: Sequence[Part] = PLAN,
     stories: Iterable[str] = (),
     only: Iterable[str] = (),
     loads: Iterable[str] = (),
     most: int | None = None,
-    can: Callable[[Configuration, str], bool] = lambda _, __: True,
 ) -> Iterator[Trial]:
     """All runs, block after block: each has every configuration once per story, in an order of its own.
 
-    `stories`, `only` (configurations) and `loads` choose among them, `most` bounds the blocks of each part, `can` says
-    whether this node is able to run a configuration under a load.
+    `stories`, `only` (configurations) and `loads` choose among them, `most` bounds the blocks of each part.
     """
     chosen, wanted, under = frozenset(stories), frozenset(only), frozenset(loads)
     for number, part in enumerate(parts):
@@ -101,11 +104,12 @@ def trials(  # noqa: PLR0913 - what may be chosen, by keyword
             (story, one)
             for story in part.stories
             for one in part.configurations
-            if (not chosen or story.name in chosen) and (not wanted or one.name in wanted)
+            if (not chosen or story.name in chosen)
+            and (not wanted or one.name in wanted)
+            and (not under or part.load in under)
         ]
-        able = [cell for cell in cells if (not under or part.load in under) and can(cell[1], part.load)]
         for block in range(part.blocks if most is None else min(most, part.blocks)):
-            order = list(able)
+            order = list(cells)
             random.Random(f"{SEED} {number} {block}").shuffle(order)  # noqa: S311 - no secret
             yield from (Trial(part.load, story, one, number, block) for story, one in order)
 

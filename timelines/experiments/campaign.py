@@ -5,9 +5,10 @@ from __future__ import annotations
 import subprocess
 from typing import TYPE_CHECKING, Protocol
 
+from contextpolicy.errors import ContextPolicyError
 from timelines.demo import deploy
 from timelines.experiments.blocks import seconds_left
-from timelines.experiments.evidence import BLOCKS, ENDING, write_schedule
+from timelines.experiments.evidence import BLOCKS, ENDING, note_absent, write_schedule
 from timelines.experiments.record import block, records, write_whole
 
 if TYPE_CHECKING:
@@ -17,6 +18,12 @@ if TYPE_CHECKING:
     from timelines.experiments.blocks import Trial
     from timelines.experiments.record import Record
     from timelines.experiments.workbench import Setting, Workbench
+
+
+IN_A_ROW = 2
+"""Configurations that fail one after the other: then the node is broken, and nothing else is begun."""
+LONGEST = 300
+"""Characters of a reason in the report."""
 
 
 class Progress(Protocol):
@@ -38,24 +45,66 @@ class Campaign:
     ) -> None:
         """`settings` are by load, `tuned` the searched weights without and with gating."""
         self._bench, self._settings, self._tuned, self._progress = bench, settings, tuned, progress
+        self._in_a_row = 0
+        self._given_up: set[tuple[str, str]] = set()
+
+    @property
+    def failed(self) -> bool:
+        """Whether a configuration was given up."""
+        return bool(self._given_up)
+
+    def leave_out(self, trials: Sequence[Trial], reason: str) -> None:
+        """Report that these runs, all of one configuration under one load, can't be done."""
+        first = trials[0]
+        self._progress.say(f"not run: {first.configuration.title}, {first.load} load: {reason}")
+        note_absent(self._bench.folders.data, [one.cell for one in trials], " ".join(reason.split())[:LONGEST])
 
     def run(self, trials: Sequence[Trial], *, until: Callable[[float], bool], commit: bool) -> int:
         """Do what is missing while `until` says that so many seconds are left; returns how many runs are left.
 
-        A run that a block's file has is not repeated where its recording is gone, as after a new checkout.
+        A run that a block's file has is not repeated where its recording is gone, as after a new checkout. A
+        configuration that fails is left out, so that the others are measured.
         """
         missing = [trial for trial in trials if not self._has(trial)]
+        if trials and not missing:
+            folders = self._bench.folders
+            self._progress.say(f"nothing is left to run: delete {folders.raw} and {folders.data} to begin again")
         for number, trial in enumerate(missing):
+            if self._is_given_up(trial):
+                continue
             if not until(seconds_left(self._bench.took, [trial])):
-                return len(missing) - number
+                break
             minutes = seconds_left(self._bench.took, missing[number:]) / 60
             self._progress.say(f"[{number + 1}/{len(missing)}, {minutes:.0f} min left] {trial}")
-            self._record(trial)
+            self._attempt(trial, missing)
             self._keep(trial.group, trials, commit=commit)
+        self._keep_what_was_lost(trials, commit=commit)
+        return sum(not self._has(trial) for trial in missing)
+
+    def _attempt(self, trial: Trial, missing: Sequence[Trial]) -> None:
+        """Do a run; DeployError or ContextPolicyError where another configuration failed just before."""
+        try:
+            self._record(trial)
+        except (deploy.DeployError, ContextPolicyError) as error:
+            own = trial.load, trial.configuration.name
+            self.leave_out(
+                [one for one in missing if (one.load, one.configuration.name) == own and not self._has(one)], str(error)
+            )
+            self._given_up.add(own)
+            self._in_a_row += 1
+            if self._in_a_row == IN_A_ROW:
+                raise
+        else:
+            self._in_a_row = 0
+
+    def _is_given_up(self, trial: Trial) -> bool:
+        return (trial.load, trial.configuration.name) in self._given_up
+
+    def _keep_what_was_lost(self, trials: Sequence[Trial], *, commit: bool) -> None:
+        """Write blocks that are done and have no file: it was lost, or we were stopped before it was written."""
         for group in dict.fromkeys(trial.group for trial in trials):
-            if not self._path(group).exists():  # it was lost, or we were stopped before it was written
+            if not self._path(group).exists():
                 self._keep(group, trials, commit=commit)
-        return 0
 
     def _has(self, trial: Trial) -> bool:
         return self._bench.has(trial.group, trial) or _cell(trial) in self._kept(trial.group)
@@ -72,8 +121,8 @@ class Campaign:
 
     def _keep(self, group: str, trials: Sequence[Trial], *, commit: bool) -> None:
         """Write a block's file once all of its runs are done, and what was due in them, which may not change."""
-        own = [trial for trial in trials if trial.group == group]
-        if not all(self._has(trial) for trial in own):
+        own = [trial for trial in trials if trial.group == group and not self._is_given_up(trial)]
+        if not own or not all(self._has(trial) for trial in own):
             return
         done = [trial for trial in own if self._bench.has(group, trial)]
         found = {**self._kept(group), **{_cell(trial): self._record(trial) for trial in done}}
@@ -83,7 +132,7 @@ class Campaign:
             due = self._bench.schedule(story, self._settings[own[0].load].deadlines)
             write_schedule(self._bench.folders.data, story.name, due)
         write_whole(path, block(found.values()))
-        failed = _commit(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
+        failed = commit_folder(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
         if failed:  # the block is kept, and the next commit has it
             self._progress.say(failed)
 
@@ -95,8 +144,8 @@ def _cell(trial: Trial) -> tuple[str, str]:
     return trial.story.name, trial.configuration.name
 
 
-def _commit(data: Path, message: str) -> str:
-    """Commit what is kept, and nothing else that may have been changed; returns what git refuses, else nothing."""
+def commit_folder(data: Path, message: str) -> str:
+    """Commit what is in a folder, and nothing else; returns what git refuses, else nothing."""
     for command in (["add", "--", str(data)], ["commit", "--quiet", "--message", message, "--", str(data)]):
         words = ["git", "-C", str(deploy.REPOSITORY), *command]
         done = subprocess.run(words, capture_output=True, text=True, check=False)

@@ -1,7 +1,7 @@
 """What the tasks have to share: so many processors, slowed to a part of their speed. Pure.
 
 A task of one thread can't be given more than one processor. So a load of 1.4 needs few and fast processors rather than
-many slow ones, on which the heaviest task would fail alone; all else of the machine has the other processors.
+many slow ones, on which the heaviest task would fail alone. All else may run on the other processors as well.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX
 from timelines.experiments.paired import bootstrap
-from timelines.experiments.tables import NONE, gain, held_out, percent, short, table
+from timelines.experiments.tables import NONE, gain, percent, runs_of, short, table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def endings(evidence: Evidence, load: str) -> str:
     """How the inputs of every task ended, in percent of what was due, whether its context wants it or not."""
     rows = []
-    for name, runs in held_out(evidence, load).items():
+    for name, runs in runs_of(evidence, load).items():
         for task in runs[0].schedule.inputs:
             counts = rates.endings(runs, task)
             due = sum(counts.values())
@@ -36,7 +36,7 @@ def endings(evidence: Evidence, load: str) -> str:
 def onsets(evidence: Evidence, load: str) -> str:
     """The critical task at the begin of its context, and after it."""
     rows = []
-    for name, runs in held_out(evidence, load).items():
+    for name, runs in runs_of(evidence, load).items():
         for context, task in rates.by_context(run.schedule for run in runs).items():
             found = rates.onset(runs, context, task)
             if found:
@@ -47,7 +47,7 @@ def onsets(evidence: Evidence, load: str) -> str:
 def accuracies(evidence: Evidence, load: str) -> str:
     """How right each task was: the mean over blocks."""
     rows = []
-    for name, runs in held_out(evidence, load).items():
+    for name, runs in runs_of(evidence, load).items():
         for task, (measure, unit) in _judged(runs).items():
             values = [one.record.accuracy[task][1] for one in runs if task in one.record.accuracy]
             interval = bootstrap(values)
@@ -63,7 +63,7 @@ def _judged(runs: Sequence[Run]) -> Mapping[str, tuple[str, str]]:
 def player(evidence: Evidence, load: str) -> str:
     """How late the player was itself, and how busy the machine was before."""
     rows = []
-    for name, runs in held_out(evidence, load).items():
+    for name, runs in runs_of(evidence, load).items():
         middle, most = rates.lateness(runs)
         busiest = max(run.record.about["load"] for run in runs)
         rows.append([CONFIGURATIONS[name].title, f"{middle:.1f} ms", f"{most:.1f} ms", f"{100 * busiest:.0f} %"])
@@ -100,7 +100,7 @@ def doubts(evidence: Evidence) -> str:
     runs = (one for blocks in evidence.runs.values() for one in blocks.values() if not one.about["drained"])
     return "".join(
         f"- {one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}: inputs"
-        " still waited when it was given up; its total time is a lower bound.\n"
+        " still waited when it was given up; it takes no part in comparisons of total times.\n"
         for one in runs
     )
 

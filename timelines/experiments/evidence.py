@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from timelines.experiments.configurations import ALONE
 from timelines.experiments.due import Schedule
@@ -13,22 +13,36 @@ from timelines.experiments.record import Record, RecordError, packed, records, u
 from timelines.experiments.stories import HELD_OUT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from timelines.experiments.stories import Story
 
-BLOCKS, SCHEDULES, FROZEN = "blocks", "schedules", "frozen.json"
+BLOCKS, SCHEDULES, FROZEN, ABSENT = "blocks", "schedules", "frozen.json", "not-run.json"
 ENDING = ".json.xz"
+
+
+class Absent(NamedTuple):
+    """A run that there should be, and why there is none."""
+
+    load: str
+    story: str
+    configuration: str
+    block: int
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """`runs` are by load, story and configuration, then by block; `frozen` is what was calibrated before them."""
+    """`runs` are by load, story and configuration, then by block; `frozen` is what was calibrated before them.
+
+    `absent` are runs that were wanted and could not be done.
+    """
 
     schedules: Mapping[str, Schedule]
     runs: Mapping[tuple[str, str, str], Mapping[int, Record]]
     frozen: Mapping[str, Any]
+    absent: Sequence[Absent] = ()
 
     @classmethod
     def read(cls, folder: Path) -> Evidence:
@@ -41,6 +55,7 @@ class Evidence:
             {path.name.removesuffix(ENDING): read_schedule(path) for path in _schedules(folder)},
             found,
             read_frozen(folder),
+            [one for one in read_absent(folder) if one.block not in found.get(one[:3], {})],
         )
 
     def of(self, load: str, story: str, configuration: str) -> list[Run]:
@@ -55,7 +70,7 @@ class Evidence:
         for story in (one.name for one in stories):
             bases = self.runs.get((load, story, against), {})
             for block, record in sorted(self.runs.get((load, story, configuration), {}).items()):
-                number = block % len(bases) if against == ALONE.name and bases else block
+                number = sorted(bases)[block % len(bases)] if against == ALONE.name and bases else block
                 if number in bases:
                     yield block, Pair(self.schedules[story], record, bases[number])
 
@@ -71,6 +86,20 @@ def write_frozen(folder: Path, frozen: Mapping[str, Any]) -> None:
     """Keep it for people to read."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / FROZEN).write_text(json.dumps(frozen, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def read_absent(folder: Path) -> list[Absent]:
+    """Which runs there should be and could not be done; nothing where all were."""
+    path = folder / ABSENT
+    return [Absent(*one) for one in json.loads(path.read_text(encoding="utf-8"))] if path.exists() else []
+
+
+def note_absent(folder: Path, cells: Iterable[tuple[str, str, str, int]], reason: str) -> None:
+    """Keep for the report why runs could not be done; what was said of them before no longer holds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    known = {one[:4]: one.reason for one in read_absent(folder)} | dict.fromkeys(cells, reason)
+    lines = ",\n".join(f" {json.dumps([*cell, why])}" for cell, why in sorted(known.items()))
+    (folder / ABSENT).write_text(f"[\n{lines}\n]\n", encoding="utf-8")
 
 
 def read_schedule(path: Path) -> Schedule:

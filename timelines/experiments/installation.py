@@ -51,20 +51,15 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def can(configuration: Configuration, *, slow: bool) -> bool:
-    """Whether this node is able to carry a configuration out.
-
-    Realtime needs a kernel with realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1), and processors that nothing else of
-    realtime priority slows down.
-    """
-    if configuration.realtime:
-        return REALTIME.exists() and not slow
-    return not configuration.autoscaled or _autoscales()
-
-
-def _autoscales() -> bool:
-    """Whether the VerticalPodAutoscaler is installed."""
-    return _defined(AUTOSCALERS)
+def obstacle(configuration: Configuration, *, slow: bool) -> str:
+    """Why this node is not able to carry a configuration out; empty if it is."""
+    if configuration.realtime and not REALTIME.exists():
+        return "the kernel has no realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1)"
+    if configuration.realtime and slow:
+        return "what slows the processors has realtime priority too, and would compete with it"
+    if configuration.autoscaled and not _defined(AUTOSCALERS):
+        return "no VerticalPodAutoscaler is installed"
+    return ""
 
 
 def _defined(kind: str) -> bool:

@@ -37,7 +37,7 @@ OTHERS = "#9aa3ad"
 
 def draw_factors(evidence: Evidence, load: str, path: Path) -> bool:
     """Each context's critical task under each configuration: its hit rate with the interval over blocks."""
-    found = tables.held_out(evidence, load)
+    found = tables.runs_of(evidence, load)
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     if not about:
         return False
@@ -68,7 +68,7 @@ def _bars(panel: Any, every: Sequence[Sequence[Run]], context: str, task: str, o
 
 def draw_responses(evidence: Evidence, load: str, path: Path) -> bool:
     """The part of what was due that was done within a time: what was never done keeps a curve below 100 %."""
-    found = {name: runs for name, runs in tables.held_out(evidence, load).items() if name in COMPARED}
+    found = {name: runs for name, runs in tables.runs_of(evidence, load).items() if name in COMPARED}
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     if not about:
         return False

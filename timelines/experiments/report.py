@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from timelines.experiments import detail_tables, pictures, tables
-from timelines.experiments.blocks import HEAVY, LIGHT
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
 from timelines.experiments.calibration import LOADS
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, WEIGHTS, WEIGHTS_GATED
@@ -58,12 +58,15 @@ def write_report(evidence: Evidence, out: Path) -> Path:
 def _first_page(evidence: Evidence, found: Sequence[Verdict]) -> Iterator[str]:
     yield "# What a robot gains from contexts\n"
     yield _claim(found) + "\n"
-    yield f"{METHOD}\n{_machine(evidence)}\n"
+    yield f"{METHOD}{tables.alone(evidence)}\n{_machine(evidence)}\n"
     for load in (HEAVY, LIGHT):
         rows = tables.of_load(evidence, load)
         if rows:
             yield f"## {load.capitalize()} load: hit rates in percent\n"
             yield rows
+    absent = tables.absences(evidence)
+    if absent:
+        yield absent
     yield "## Goals\n"
     yield tables.goals(found)
     yield _static(evidence)
@@ -91,7 +94,8 @@ def _machine(evidence: Evidence) -> str:
     dates, loads = sorted(one.about["date"][:10] for one in every), evidence.frozen.get("loads")
     words = [f"Machine: {'; '.join(sorted(machines))}. {len(every)} runs, {dates[0]} to {dates[-1]}."]
     if not loads:
-        return f"{words[0]} **Nothing was calibrated: a quick look.**\n"
+        used = sorted({f"{one.load} load: {Capacity(*one.about['capacity'])}" for one in every})
+        return f"{words[0]} **Nothing was calibrated: a quick look** ({', '.join(used)}).\n"
     shared = (f"{load} load ({LOADS[load]:g}): {Capacity(*own)}" for load, own in loads.items())
     words.append(f"The tasks share, in processors and the part of each that is left: {', '.join(shared)}.")
     alone = ", ".join(f"{task} {value:.1%}" for task, value in evidence.frozen["solo"].items())
@@ -129,6 +133,8 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
     if papers:
         yield "## The paper's measure, under its terms: queues lose nothing, a run ends when they are empty\n"
         yield papers
+        yield "Hit rates of the same runs, in percent:\n"
+        yield tables.of_load(evidence, PAPERS_LOAD)
     yield f"## Threats to validity\n\n{THREATS}"
     yield f"## Repeat it\n\n{REPEAT}"
     yield "[details.md](details.md): how every input ended, context onsets, accuracy, the player's own lateness.\n"
@@ -136,8 +142,8 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
 
 def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Iterator[str]:
     yield "# Details of the experiments\n"
-    for load in (HEAVY, LIGHT):
-        if tables.held_out(evidence, load):
+    for load in (HEAVY, LIGHT, PAPERS_LOAD):
+        if tables.runs_of(evidence, load):
             yield f"## {load.capitalize()} load\n"
             yield "### How every input ended, in percent of what was due\n"
             yield detail_tables.endings(evidence, load)

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -31,23 +31,37 @@ class SlowedError(Exception):
 def slowed(part: float, processors: Collection[int]) -> Iterator[None]:
     """Leave this part of each of these processors to all else; with all of it nothing is started.
 
-    SlowedError in the end if what slows them has ended before.
+    SlowedError if what slows them does not begin, or has ended before the block does.
     """
-    # Programs of their own, which import nothing of this project: what they took to start would be missing from a run.
-    thieves = [subprocess.Popen([sys.executable, __file__, str(cpu), str(1 - part)]) for cpu in processors if part < 1]
+    # Programs of their own, which import nothing of this project: they are there soon.
+    thieves = [_thief(cpu, 1 - part) for cpu in processors if part < 1]
     try:
+        if not all(_out(thief).readline() for thief in thieves):
+            raise SlowedError("nothing slows the processors: it takes the right to a realtime priority")
         yield
         if any(thief.poll() is not None for thief in thieves):
-            raise SlowedError("what slows the processors has ended: it needs the right to a realtime priority")
+            raise SlowedError("what slows the processors has ended")
     finally:
         for thief in thieves:
             thief.kill()
             thief.wait()
+            _out(thief).close()
+
+
+def _thief(cpu: int, part: float) -> subprocess.Popen[str]:
+    return subprocess.Popen([sys.executable, __file__, str(cpu), str(part)], stdout=subprocess.PIPE, text=True)
+
+
+def _out(thief: subprocess.Popen[str]) -> IO[str]:
+    """Where it says that it has begun; empty once it has ended."""
+    return cast("IO[str]", thief.stdout)
 
 
 def _steal(cpu: int, part: float) -> None:
     os.sched_setaffinity(0, {cpu})
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    sys.stdout.write("begins\n")
+    sys.stdout.flush()
     # All at once: the kernel moves a thread whose processor is taken to one that is not.
     begin, parent = time.monotonic() // PERIOD * PERIOD, os.getppid()
     while os.getppid() == parent:

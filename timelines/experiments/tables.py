@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
+from timelines.experiments.accounting import Ending, Tally
 from timelines.experiments.blocks import PAPERS_LOAD
 from timelines.experiments.configurations import ALONE, CONFIGURATIONS, LINUX, PAPERS
 from timelines.experiments.goals import SPEEDUP
@@ -42,11 +44,10 @@ def percent(found: Interval | None) -> str:
     return f"{100 * found.mean:.1f}{around}"
 
 
-def held_out(evidence: Evidence, load: str) -> dict[str, list[Run]]:
-    """The runs of the held-out stories under a load, by configuration, in their order."""
-    found = {
-        name: [run for story in HELD_OUT for run in evidence.of(load, story.name, name)] for name in CONFIGURATIONS
-    }
+def runs_of(evidence: Evidence, load: str) -> dict[str, list[Run]]:
+    """The runs of a load's stories by configuration, in their order: those held out, or the paper's."""
+    stories = PAPER if load == PAPERS_LOAD else HELD_OUT
+    found = {name: [run for story in stories for run in evidence.of(load, story.name, name)] for name in CONFIGURATIONS}
     return {name: runs for name, runs in found.items() if runs}
 
 
@@ -69,7 +70,7 @@ def gain(found: Interval) -> str:
 
 def of_load(evidence: Evidence, load: str) -> str:
     """A row for each configuration: hit rates in percent, and CPU seconds a run. Empty without runs."""
-    found = held_out(evidence, load)
+    found = runs_of(evidence, load)
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
     rows = []
@@ -77,7 +78,37 @@ def of_load(evidence: Evidence, load: str) -> str:
         hits = [percent(rates.critical(runs, context, task)) for context, task in about.items()]
         hits += [percent(rates.whole(runs, task)) for task in PROTECTED]
         rows.append([CONFIGURATIONS[name].title, _blocks(runs), *hits, *_cpu(name, runs)])
-    return table([*head, "CPU of the tasks", "of the control", "of all else"], rows) if rows else ""
+    width = len(head) + 3
+    rows += [[CONFIGURATIONS[name].title, "not run", *[NONE] * (width - 2)] for name in _absent(evidence, load, found)]
+    return table([*head, "CPU of the tasks", "of the control", "of all else"], rows) if found else ""
+
+
+def _absent(evidence: Evidence, load: str, found: Iterable[str]) -> list[str]:
+    """The configurations of which a load has no run at all, though there should be some."""
+    return sorted({one.configuration for one in evidence.absent if one.load == load} - set(found))
+
+
+def absences(evidence: Evidence) -> str:
+    """A line for each reason for which runs could not be done. Empty where all were."""
+    counts = Counter((one.configuration, one.load, one.reason) for one in evidence.absent)
+    return "".join(
+        f"- {CONFIGURATIONS[name].title}, {load} load, {count} {'run' if count == 1 else 'runs'}: not run: {reason}.\n"
+        for (name, load, reason), count in counts.items()
+    )
+
+
+def alone(evidence: Evidence) -> str:
+    """How often each task was run alone, and that these runs serve all blocks. Empty without any."""
+    counts = {
+        len(runs) for (load, _, name), runs in evidence.runs.items() if name == ALONE.name and load != PAPERS_LOAD
+    }
+    if not counts:
+        return ""
+    times = " or ".join(str(one) for one in sorted(counts))
+    return (
+        f"Runs of each task alone by story and load: {times}. They serve all blocks in turn, since nothing"
+        " contends with them; p does not have their own spread.\n"
+    )
 
 
 def _blocks(runs: Sequence[Run]) -> str:
@@ -96,7 +127,7 @@ def _cpu(name: str, runs: Sequence[Run]) -> list[str]:
 def chains(evidence: Evidence, load: str) -> str:
     """From the camera, and from a spoken "stop", to the wheels."""
     rows = []
-    for name, runs in held_out(evidence, load).items():
+    for name, runs in runs_of(evidence, load).items():
         if name == ALONE.name:
             continue  # nobody hears the mission there
         part, middle, most = rates.commands(runs, "drive")
@@ -112,16 +143,41 @@ def speedups(evidence: Evidence) -> Iterator[tuple[str, str, Interval]]:
     for story in PAPER:
         for one in PAPERS:
             pairs = [pair for _, pair in evidence.pairs(PAPERS_LOAD, one.name, LINUX.name, [story])]
-            ratios = [pair.base.about["finished"] / pair.record.about["finished"] for pair in pairs]
+            ratios = [
+                pair.base.about["finished"] / pair.record.about["finished"]
+                for pair in pairs
+                if pair.record.about["drained"] and pair.base.about["drained"]
+            ]
             if ratios and one is not LINUX:
                 yield story.name, one.title, bootstrap(ratios)
 
 
 def papers(evidence: Evidence) -> str:
-    """Total times, beside the paper's own figure. Empty without runs."""
-    rows = [
-        [story, title, f"{found.mean:.2f} [{found.low:.2f}, {found.high:.2f}]", str(found.pairs)]
-        for story, title, found in speedups(evidence)
-    ]
-    head = ["", "", f"times as fast as Linux default (the paper: up to {SPEEDUP})", "blocks"]
-    return table(head, rows) if rows else ""
+    """Total times, beside the paper's own figure and the work that was done in them. Empty without runs.
+
+    Runs that were given up while inputs waited have no total time: they are counted, and take no part.
+    """
+    found = {(story, title): speedup for story, title, speedup in speedups(evidence)}
+    rows = []
+    for story in PAPER:
+        for one in PAPERS:
+            runs = evidence.of(PAPERS_LOAD, story.name, one.name)
+            if runs:
+                speedup = found.get((story.name, one.title))
+                rows.append([story.name, one.title, _times(speedup), *_work(runs), *_counted(runs, speedup)])
+    head = ["", "", f"times as fast as Linux default (the paper: up to {SPEEDUP})", "done, % of all inputs"]
+    return table([*head, "suspended, %", "blocks compared", "runs given up"], rows) if rows else ""
+
+
+def _times(speedup: Interval | None) -> str:
+    return f"{speedup.mean:.2f} [{speedup.low:.2f}, {speedup.high:.2f}]" if speedup else NONE
+
+
+def _work(runs: Sequence[Run]) -> list[str]:
+    """A total time is short where little was done: how many of all inputs were, and how many were suspended."""
+    every = Tally.of(end.ending for run in runs for task in run.schedule.inputs for end in run.ended(task))
+    return [f"{100 * part:.1f}" for part in (every.coverage, every.count(Ending.SUSPENDED) / every.due)]
+
+
+def _counted(runs: Sequence[Run], speedup: Interval | None) -> list[str]:
+    return [str(speedup.pairs) if speedup else NONE, str(sum(not run.record.about["drained"] for run in runs))]

@@ -125,7 +125,7 @@ class Workbench:
                 self._installed = None  # everything is installed again, whatever was there
                 failures.append(str(error))
                 if len(failures) == TRIES:
-                    raise
+                    raise deploy.DeployError(f"failed {TRIES} times, at last: {error}") from error
             else:
                 return failures
 

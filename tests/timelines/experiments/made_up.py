@@ -52,11 +52,11 @@ def a_run(  # noqa: PLR0913 - what a run differs in, by keyword
     return Record(load, story, configuration, block, columns, late, ABOUT, **whole)
 
 
-def evidence(*records, frozen=None):
+def evidence(*records, frozen=None, absent=()):
     runs: dict[tuple[str, str, str], dict[int, Record]] = {}
     for one in records:
         runs.setdefault((one.load, one.story, one.configuration), {})[one.block] = one
-    return Evidence(dict.fromkeys({one.story for one in records}, SCHEDULE), runs, frozen or {})
+    return Evidence(dict.fromkeys({one.story for one in records}, SCHEDULE), runs, frozen or {}, absent)
 
 
 FROZEN = {"loads": {"light": [2, 0.8], "heavy": [1, 0.8]}, "solo": {"slam": 1.0}, "deadlines": {"slam": 0.1}}

@@ -109,6 +109,17 @@ def test_poses_are_compared_with_the_truth_of_their_frame(judge, tmp_path):
     assert found.count == 18
 
 
+def test_poses_of_no_moment_of_the_truth_are_not_judged(judge, tmp_path):
+    folder = tmp_path / POSES
+    (tmp_path / "walk" / "mav0" / "imu0").mkdir(parents=True)
+    (tmp_path / "walk" / "mav0" / "imu0" / "data.csv").touch()
+    folder.mkdir(parents=True)
+    (folder / "data.csv").write_text(f"#timestamp, p\n{S},0,0,0,1,0,0,0,0,0,0,0,0,0,0,0\n", encoding="utf-8")
+    pose = {"position": [0, 0, 1], "orientation": [0, 0, 0, 1], "state": "tracking"}
+    poses = [(frame / 2, {"frame": (1000 + frame) * S, **pose}) for frame in range(20)]
+    assert "slam" not in judge({"robot/slam/pose": poses})
+
+
 def test_a_task_without_results_is_not_judged_unless_it_should_have_some(judge):
     found = judge({})
     assert sorted(found) == ["arm", "signs", "speech"]

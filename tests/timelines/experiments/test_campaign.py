@@ -11,25 +11,26 @@ import pytest
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
+from timelines.experiments import installation
 from timelines.experiments.blocks import HEAVY, trials
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen, write_schedule
 from timelines.experiments.prepare import Preparation
-from timelines.experiments.record import RecordError, packed
+from timelines.experiments.record import RecordError, block, packed
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
 CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
 
 
 class Bench(Workbench):
-    """Runs nothing: after `lasts` runs the node is gone."""
+    """Runs nothing: after `lasts` runs the node is gone, and the configuration `fails` never works."""
 
-    def __init__(self, folder, lasts=99):
+    def __init__(self, folder, lasts=99, fails=""):
         super().__init__(Folders(folder / "raw", folder / "data", folder, folder))
         self.done: list[tuple[str, int, float, dict[str, int]]] = []
-        self.lasts = lasts
+        self.lasts, self.fails = lasts, fails
 
     def schedule(self, story, deadlines):
         del story, deadlines
@@ -38,6 +39,8 @@ class Bench(Workbench):
     def _do(self, place, trial, setting, weights):
         if len(self.done) == self.lasts:
             raise DeployError("the node is gone")
+        if trial.configuration.name == self.fails:
+            raise DeployError("helm: timed\nout")
         self.done.append((trial.name, trial.block, setting.capacity.part, dict(weights)))
         record = a_run(trial.configuration.name, block=trial.block)
         file = self._file(place, trial)
@@ -62,9 +65,8 @@ def run(bench, *, until=lambda _: True, chosen=CHOSEN):
 
 
 def test_a_block_is_kept_once_all_of_its_runs_are_done(tmp_path):
-    bench = Bench(tmp_path, lasts=3)
-    with pytest.raises(DeployError):
-        run(bench)
+    left, _ = run(Bench(tmp_path), until=_three_times())
+    assert left == 1
     [block] = (tmp_path / "data" / "blocks").iterdir()
     assert block.name == "2-heavy-01.json.xz"
     again = Bench(tmp_path)
@@ -74,6 +76,50 @@ def test_a_block_is_kept_once_all_of_its_runs_are_done(tmp_path):
     assert said[0].startswith("[1/1, ")
     found = Evidence.read(tmp_path / "data")
     assert {name: sorted(blocks) for (_, _, name), blocks in found.runs.items()} == {"linux": [0, 1], "weights": [0, 1]}
+
+
+def _three_times():
+    left = iter((True, True, True))
+    return lambda _: next(left, False)
+
+
+def test_a_configuration_that_fails_is_left_out_and_the_others_are_kept(tmp_path):
+    bench = Bench(tmp_path, fails=WEIGHTS.name)
+    left, said = run(bench)
+    assert left == 2
+    assert [line for line in said if line.startswith("not run")] == [
+        "not run: context weights, heavy load: helm: timed\nout"
+    ]
+    found = Evidence.read(tmp_path / "data")
+    assert {name: sorted(blocks) for (_, _, name), blocks in found.runs.items()} == {"linux": [0, 1]}
+    assert sorted((one.configuration, one.block, one.reason) for one in found.absent) == [
+        ("weights", 0, "helm: timed out"),
+        ("weights", 1, "helm: timed out"),
+    ]
+
+
+def test_what_was_left_out_joins_its_block_once_it_is_done(tmp_path):
+    run(Bench(tmp_path, fails=WEIGHTS.name))
+    assert run(Bench(tmp_path))[0] == 0
+    found = Evidence.read(tmp_path / "data")
+    assert {name: sorted(blocks) for (_, _, name), blocks in found.runs.items()} == {"linux": [0, 1], "weights": [0, 1]}
+    assert found.absent == []
+
+
+def test_a_node_on_which_everything_fails_ends_the_runs(tmp_path):
+    with pytest.raises(DeployError):
+        run(Bench(tmp_path, lasts=0))
+    assert {one.reason for one in Evidence.read(tmp_path / "data").absent} == {"the node is gone"}
+
+
+def test_what_this_node_is_not_able_to_do_is_reported(monkeypatch, tmp_path):
+    monkeypatch.setattr(installation, "obstacle", lambda one, **_: "it can't" if one is WEIGHTS else "")
+    lines = Lines()
+    made = Campaign(Bench(tmp_path), {}, {}, lines)
+    able = command._able(made, CHOSEN, {HEAVY: Setting(Capacity(1, 0.4), {})})
+    assert able == [trial for trial in CHOSEN if trial.configuration is LINUX]
+    assert lines.said == ["not run: context weights, heavy load: it can't"]
+    assert len(Evidence.read(tmp_path / "data").absent) == 2
 
 
 def test_each_run_has_its_loads_part_and_its_gatings_weights(tmp_path):
@@ -113,7 +159,9 @@ def test_a_run_that_is_kept_is_not_repeated_where_its_recording_is_gone(tmp_path
     before = {path: path.read_bytes() for path in (tmp_path / "data" / "blocks").iterdir()}
     shutil.rmtree(tmp_path / "raw")
     again = Bench(tmp_path)
-    assert run(again) == (0, [])
+    left, said = run(again)
+    assert left == 0
+    assert said == [f"nothing is left to run: delete {tmp_path / 'raw'} and {tmp_path / 'data'} to begin again"]
     assert again.done == []
     assert {path: path.read_bytes() for path in before} == before
 
@@ -171,6 +219,20 @@ def test_loads_and_weights_are_found_out_once(tmp_path):
     assert preparation.asked == ["loads", False, True, "predicted"]
     command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path)
     assert len(preparation.asked) == 4
+
+
+def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, capsys):
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+    (tmp_path / "blocks").mkdir()
+    (tmp_path / "blocks" / "2-heavy-01.json.xz").write_bytes(block([a_run("linux")]))
+
+    def fail(*_, **__):
+        raise DeployError("the node is gone")
+
+    monkeypatch.setattr(command, "_run", fail)
+    assert command.main(["delivery", "--data", str(tmp_path), "--report", str(tmp_path)]) == 1
+    assert "the node is gone" in capsys.readouterr().out
+    assert (tmp_path / "report.md").exists()
 
 
 def test_without_a_choice_everything_is_reported(tmp_path):

@@ -6,7 +6,8 @@ import pytest
 
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.quantities import parse_cpu
-from timelines.experiments import gate
+from timelines.demo import deploy
+from timelines.experiments import gate, installation
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.configurations import (
     CONFIGURATIONS,
@@ -14,8 +15,10 @@ from timelines.experiments.configurations import (
     LINUX,
     LINUX_ADAPTIVE,
     LINUX_GATED,
+    REALTIME,
     STATIC,
     STATIC_GATED,
+    VPA,
     WEIGHTS,
     WEIGHTS_GATED,
     autoscalers,
@@ -118,6 +121,16 @@ def test_modules_listen_to_the_gate_where_nothing_acts_and_adapt_where_they_shou
     assert module(LINUX_GATED)["env"]["PLAN_KEY"] == gate.KEY
     assert "PLAN_KEY" not in module(WEIGHTS_GATED)["env"]
     assert module(LINUX_ADAPTIVE)["env"]["ADAPT"] == "true"
+
+
+def test_a_node_that_is_not_able_to_do_something_has_a_reason(monkeypatch, tmp_path):
+    monkeypatch.setattr(installation, "REALTIME", tmp_path)
+    monkeypatch.setattr(deploy, "run", lambda *_, **__: "")
+    assert "VerticalPodAutoscaler" in installation.obstacle(VPA, slow=False)
+    assert "realtime priority" in installation.obstacle(REALTIME, slow=True)
+    assert installation.obstacle(REALTIME, slow=False) == installation.obstacle(LINUX, slow=True) == ""
+    monkeypatch.setattr(installation, "REALTIME", tmp_path / "none")
+    assert "realtime groups" in installation.obstacle(REALTIME, slow=False)
 
 
 def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():

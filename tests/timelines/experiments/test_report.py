@@ -6,7 +6,7 @@ import pytest
 
 from tests.timelines.experiments.made_up import FROZEN, a_run, evidence, some_runs
 from timelines.experiments.__main__ import DATA
-from timelines.experiments.evidence import Evidence
+from timelines.experiments.evidence import Absent, Evidence
 from timelines.experiments.report import write_report
 
 
@@ -57,7 +57,17 @@ def test_a_quick_look_says_that_nothing_was_calibrated(tmp_path):
     assert "a quick look" in path.read_text(encoding="utf-8")
 
 
-@pytest.mark.skipif(not (DATA / "blocks").is_dir(), reason="no block has been measured yet")
+def test_a_quick_look_at_a_story_of_the_paper_has_hit_rates_and_what_was_not_run(tmp_path):
+    runs = [a_run(name, load="paper", story="exp3") for name in ("linux", "limits-gated")]
+    absent = [Absent("paper", "exp3", "weights-gated", 0, "helm: timed out")]
+    text = write_report(evidence(*runs, absent=absent), tmp_path).read_text(encoding="utf-8")
+    assert "- context weights, gated, paper load, 1 run: not run: helm: timed out.\n" in text
+    assert "| context limits, gated | 1 | 100.0 | 100.0 |" in text
+    assert "paper load: 1 x 0.4" in text
+    assert "## Paper load" in (tmp_path / "details.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(not (DATA.parent / "details.md").exists(), reason="not all has been measured and reported yet")
 def test_the_committed_report_is_what_the_committed_data_gives(tmp_path):
     write_report(Evidence.read(DATA), tmp_path)
     for name in ("report.md", "details.md"):

@@ -16,6 +16,21 @@ def thief(monkeypatch, tmp_path, program):
     monkeypatch.setattr(slowed_module, "__file__", str(path))
 
 
+BEGINS = "print('begins', flush=True)"
+
+
+def test_nothing_runs_where_no_thief_begins(monkeypatch, tmp_path):
+    thief(monkeypatch, tmp_path, "raise SystemExit(1)")
+    with pytest.raises(SlowedError, match="realtime priority"), slowed(0.5, {0}):
+        pytest.fail("it began")
+
+
+def test_a_thief_that_has_ended_is_an_error(monkeypatch, tmp_path):
+    thief(monkeypatch, tmp_path, BEGINS)
+    with pytest.raises(SlowedError, match="has ended"):
+        slow_down_again_and_again(20)
+
+
 def slow_down_again_and_again(seconds):
     """It is found out in the end only, and a program takes a while to end."""
     ends = time.monotonic() + seconds
@@ -24,14 +39,8 @@ def slow_down_again_and_again(seconds):
             time.sleep(0.2)
 
 
-def test_a_thief_that_has_ended_is_an_error(monkeypatch, tmp_path):
-    thief(monkeypatch, tmp_path, "raise SystemExit(1)")
-    with pytest.raises(SlowedError, match="realtime priority"):
-        slow_down_again_and_again(20)
-
-
 def test_thieves_end_with_what_they_slow(monkeypatch, tmp_path):
-    thief(monkeypatch, tmp_path, "import time; time.sleep(60)")
+    thief(monkeypatch, tmp_path, f"import time; {BEGINS}; time.sleep(60)")
     began = time.monotonic()
     with slowed(0.5, {0, 1}):
         pass

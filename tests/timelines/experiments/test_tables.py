@@ -9,6 +9,7 @@ import pytest
 from tests.timelines.experiments.made_up import a_run, evidence, some_runs
 from timelines.experiments import detail_tables, tables
 from timelines.experiments.blocks import HEAVY
+from timelines.experiments.evidence import Absent
 from timelines.experiments.verdicts import verdicts
 
 SOME = evidence(*some_runs())
@@ -43,8 +44,52 @@ def test_wheel_commands_are_reported_from_camera_and_word():
 
 def test_the_papers_measure_stands_beside_its_own_figure():
     text = tables.papers(SOME)
-    assert row(text, "exp1") == ["exp1", "context limits, gated", "1.50 [1.50, 1.50]", "3"]
+    assert row(text, "exp1", "context limits, gated")[2:] == ["1.50 [1.50, 1.50]", "100.0", "0.0", "3", "0"]
     assert "up to 1.42" in text
+
+
+def given_up(run):
+    return replace(run, about={**run.about, "drained": False})
+
+
+def test_a_run_that_was_given_up_has_no_total_time():
+    under = {"load": "paper", "story": "exp3"}
+    linux, limits = ([a_run(name, block=block, **under) for block in range(2)] for name in ("linux", "limits-gated"))
+    some = evidence(*linux, limits[0], given_up(limits[1]))
+    assert row(tables.papers(some), "exp3", "context limits, gated")[2:] == [
+        "1.00 [1.00, 1.00]",
+        "100.0",
+        "0.0",
+        "1",
+        "1",
+    ]
+    none = evidence(given_up(linux[0]), limits[0])
+    assert row(tables.papers(none), "exp3", "context limits, gated")[2:] == ["-", "100.0", "0.0", "-", "0"]
+    assert list(tables.speedups(none)) == []
+
+
+def test_work_that_was_skipped_stands_beside_the_total_time():
+    gated = a_run("limits-gated", slam="i" * 5 + "sssss", load="paper", story="exp3")
+    text = tables.papers(evidence(a_run("linux", load="paper", story="exp3"), gated))
+    assert row(text, "exp3", "Linux default")[2:] == ["-", "100.0", "0.0", "-", "0"]
+    assert row(text, "exp3", "context limits, gated")[3:5] == ["75.0", "25.0"]
+
+
+ABSENT = [Absent("heavy", story, "vpa", 0, "no autoscaler") for story in ("delivery", "inspection")]
+
+
+def test_what_was_not_run_has_a_row_and_a_reason():
+    text = tables.of_load(evidence(a_run("linux"), absent=ABSENT), HEAVY)
+    assert row(text, "VPA in place") == ["VPA in place", "not run", *["-"] * 7]
+    assert tables.absences(evidence(a_run("linux"), absent=ABSENT)) == (
+        "- VPA in place, heavy load, 2 runs: not run: no autoscaler.\n"
+    )
+    assert tables.absences(SOME) == ""
+
+
+def test_it_says_how_many_runs_of_each_task_alone_serve_all_blocks():
+    assert "alone by story and load: 1. They serve all blocks" in tables.alone(SOME)
+    assert tables.alone(evidence(a_run("linux"))) == ""
 
 
 def test_goals_show_their_least_sure_case():
@@ -74,9 +119,8 @@ def test_the_players_own_lateness_is_reported():
 
 
 def test_a_run_that_was_given_up_is_named():
-    run = a_run("linux")
-    given_up = replace(run, about={**run.about, "drained": False})
-    assert detail_tables.doubts(evidence(given_up)).startswith("- delivery, heavy load, Linux default, block 1: inputs")
+    doubts = detail_tables.doubts(evidence(given_up(a_run("linux"))))
+    assert doubts.startswith("- delivery, heavy load, Linux default, block 1: inputs")
     assert detail_tables.doubts(SOME) == ""
 
 
