@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,9 @@ REACHED, PASSED = "__reached", "__passed"
 _ARITHMETIC = {"+": "__add", "-": "__subtract", "*": "__multiply", "/": "__divide"}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _AGES = {">": ("", PASSED), ">=": ("", REACHED), "<": ("!", REACHED), "<=": ("!", PASSED)}
+
+_SELECTED = re.compile(r"(?!(?:true|false|null|in)$)[A-Za-z_][A-Za-z0-9_]*")
+"""Names that can stand after a dot; any other field is read by an index."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -90,7 +94,8 @@ class _Writer:
         return node.text if write is None else write(node)
 
     def _select(self, node: Node) -> str:
-        return f"{self.text(node.parts[0])}.{node.text}"
+        of = self.text(node.parts[0])
+        return f"{of}.{node.text}" if _SELECTED.fullmatch(node.text) else f"{of}[{node.text!r}]"
 
     def _index(self, node: Node) -> str:
         return f"{self.text(node.parts[0])}[{self._key(node.parts[1])}]"

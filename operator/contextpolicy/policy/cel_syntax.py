@@ -37,6 +37,7 @@ _TOKEN = re.compile(
     |(?P<operator>==|!=|<=|>=|&&|\|\||.)""",
     re.VERBOSE,
 )
+_PLAIN_TEXT = re.compile(r""""[^"\\]*"|'[^'\\]*'""")
 
 
 class Construct(Enum):
@@ -48,9 +49,9 @@ class Construct(Enum):
     CONSTANT = auto()
     NAME = auto()
     SELECT = auto()
-    """`text` is the field, the part what it is selected from."""
+    """`text` is the field, the part what it is selected from, be it as `imu.gyro` or as `imu['gyro']`."""
     INDEX = auto()
-    """The parts are what is indexed and the index."""
+    """The parts are what is indexed and the index, which is no plain string."""
     CALL = auto()
     METHOD = auto()
     """A call whose first part is the receiver."""
@@ -88,7 +89,7 @@ class Node:
         return self._hash
 
     def path(self) -> tuple[str, ...] | None:
-        """`("imu", "gyro")` for imu.gyro; None for anything but selections from a name."""
+        """`("imu", "gyro")` for imu.gyro and imu['gyro']; None for anything but selections from a name."""
         names, node = [], self
         while node.kind is Construct.SELECT:
             names.append(node.text)
@@ -111,6 +112,12 @@ def parse(source: str) -> Node:
     tree = parser.expression()
     parser.end()
     return tree
+
+
+def plain_text(node: Node) -> str | None:
+    """What a string says that has neither escapes nor three quotes; None for any other node."""
+    plain = node.kind is Construct.TEXT and _PLAIN_TEXT.fullmatch(node.text)
+    return node.text[1:-1] if plain else None
 
 
 def number(literal: str) -> int | float:
@@ -185,7 +192,7 @@ class _Parser:
             if self._take().text == "[":
                 index = self.expression()
                 self._expect("]")
-                operand = self._node(Construct.INDEX, "[", operand, index, start=start)
+                operand = self._indexed(operand, index, start)
                 continue
             name = self._name()
             if self._next().text == "(":
@@ -193,6 +200,12 @@ class _Parser:
             else:
                 operand = self._node(Construct.SELECT, name.text, operand, start=start)
         return operand
+
+    def _indexed(self, operand: Node, index: Node, start: int) -> Node:
+        name = plain_text(index)
+        if name is not None:
+            return self._node(Construct.SELECT, name, operand, start=start)
+        return self._node(Construct.INDEX, "[", operand, index, start=start)
 
     def _primary(self) -> Node:
         token = self._next()

@@ -19,12 +19,9 @@ def read_context(node: Node) -> str | None:
     """The context that `contexts.moving` or `contexts['low-battery']` names; None for any other node."""
     if node.kind not in {Construct.SELECT, Construct.INDEX} or not _is_contexts(node.parts[0]):
         return None
-    if node.kind is Construct.SELECT:
-        return node.text
-    name = node.parts[1]
-    if name.kind is not Construct.TEXT or name.text[0] not in "'\"" or "\\" in name.text:
+    if node.kind is Construct.INDEX:
         raise ValueError("indexes contexts with something other than a quoted name, such as contexts['low-battery']")
-    return name.text.strip(name.text[0])
+    return node.text
 
 
 def check_name(name: str) -> None:

@@ -29,11 +29,18 @@ from tests.planning.conditions.evaluating import evaluate
         ("imu.word.matches('^wo')", True),
         ("'word' in [imu.word]", True),
         ("imu['n']", -2.5),
+        ("imu['low-g']", 1.0),
+        ('imu["it\'s"]', 2.0),
+        ("imu['in'] + imu['true']", 7.0),
+        ("imu['größe']", 5.0),
+        ("has(imu['xy'].x) && !has(imu['xy'].z)", True),
+        ("{'a b': imu['n']}['a b']", -2.5),
         ("imu.n < 0.0 ? imu.word : imu.m", "word"),
     ],
 )
 def test_values(source, value):
     sample = {"v": [3.0, 4.0, 0.0], "xy": {"x": 3.0, "y": 4.0}, "n": -2.5, "word": "word"}
+    sample |= {"low-g": 1.0, "it's": 2.0, "in": 3.0, "true": 4.0, "größe": 5.0}
     assert evaluate(source, imu=sample) == value
 
 
@@ -41,6 +48,7 @@ def test_values(source, value):
     ("source", "why"),
     [
         ("imu.missing > 1", "the sample has no field 'missing'"),
+        ("imu['low-g'] > 1", "the sample has no field 'low-g'"),
         ("imu.word > 1", "overload"),
         ("norm(imu.word)", "expected a list or a map of numbers"),
         ("1 % imu.zero", "% by zero"),
@@ -83,7 +91,9 @@ def test_unknown_functions_are_named():
         ("imu.gyro.x > 1.0 && mic.level > 1.0", {"imu.gyro.x", "mic.level"}),
         ("norm(imu.gyro)", {"imu.gyro"}),
         ("norm(imu)", {"imu"}),
-        ("imu['gyro'].x", {"imu"}),
+        ("imu['gyro'].x", {"imu.gyro.x"}),
+        ('imu["low-g"]["x"]', {"imu.low-g.x"}),
+        ("imu['gyro' + imu.axis]", {"imu", "imu.axis"}),
         ("has(imu.gyro)", {"imu.gyro"}),
         ("scan.ranges.exists(r, r < scan.near)", {"scan.ranges", "scan.near"}),
         ("a.l.map(x, x.y).exists(z, z == b.q)", {"a.l", "b.q"}),

@@ -5,7 +5,6 @@ Reports only what fails, or never holds, on every sample of these shapes: an unk
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 from contextpolicy.policy.cel_functions import FUNCTIONS, HAS, MACROS, Macro
@@ -34,7 +33,6 @@ from contextpolicy.policy.validation.shapes import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-_PLAIN_TEXT = re.compile(r""""[^"\\]*"|'[^'\\]*'""")
 _ADDED = (NUMBER, TEXT, BYTES, LIST)
 _ORDERED = (NUMBER, TEXT, BYTES, BOOL, TIME, DURATION)
 _CALENDAR = (TIME, DURATION)
@@ -140,9 +138,7 @@ class _Checker:
             )
 
     def _select(self, node: Node) -> Shape:
-        return self._field(node, self.shape(node.parts[0]), node.text)
-
-    def _field(self, node: Node, owner: Shape, name: str) -> Shape:
+        owner, name = self.shape(node.parts[0]), node.text
         if owner.kind not in (ANY.kind, MAP.kind):
             self.found.append(f"{self._text(node.parts[0])} is {owner.kind}, which has no field {name}")
             return ANY
@@ -156,8 +152,6 @@ class _Checker:
     def _index(self, node: Node) -> Shape:
         owner, index = self._want(node.parts[0], LIST, MAP), node.parts[1]
         self.shape(index)
-        if owner.kind == MAP.kind and _PLAIN_TEXT.fullmatch(index.text):
-            return self._field(node, owner, index.text[1:-1])
         if index.kind is Construct.NUMBER and self._has_names(node.parts[0], owner):
             what = self._text(node.parts[0])
             self.found.append(f"{what} is a map, whose fields have names, not numbers{self.meant(node.parts[0])}")

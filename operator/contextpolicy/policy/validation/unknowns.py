@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.cel_cost import asked_stream
 from contextpolicy.policy.cel_functions import AGE, HAS, HEARD, MACROS
-from contextpolicy.policy.cel_syntax import Construct, Node, number
+from contextpolicy.policy.cel_syntax import Construct, Node, number, plain_text
 from contextpolicy.policy.context_reads import read_context
 
 if TYPE_CHECKING:
@@ -110,8 +110,7 @@ def constant(node: Node) -> Constant | None:
         return None if value is None or isinstance(value, str) else -value
     if node.kind is Construct.NUMBER:
         return number(node.text)
-    plain = node.kind is Construct.TEXT and node.text[0] in "\"'" and node.text[:3] not in {'"""', "'''"}
-    return node.text[1:-1] if plain and "\\" not in node.text else None
+    return plain_text(node)
 
 
 def _measured(node: Node) -> Unknown:
