@@ -360,6 +360,28 @@ def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore
     assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
 
 
+IDLE: list[dict[str, Any]] = [{}, *(a_policy(mode=mode)["spec"] for mode in ("DryRun", "Paused"))]
+
+
+@pytest.mark.parametrize("spec", IDLE, ids=["invalid", "dry run", "paused"])
+def test_emptied_originals_are_missed_whatever_the_policy_has_become(restore: Any, spec: dict[str, Any]) -> None:
+    pod = by_us()
+    pod["metadata"]["ownerReferences"] = [OWNER]
+    server = Server(pod, policies=[{**policy(), "spec": spec}])
+    server.secrets, server.cluster.owners, server.leases = dict(SECRETS), {PATH: an_owner("500m")}, {"lab": GREEN}
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert (code, out.splitlines()[0]) == (0, "lab/slam/slam: limit 990m -> 500m")
+    assert server.cluster.limit("slam") == 500
+
+
+@pytest.mark.parametrize("spec", IDLE, ids=["invalid", "dry run", "paused"])
+def test_bare_pod_without_an_original_keeps_no_policy_that_does_not_act(restore: Any, spec: dict[str, Any]) -> None:
+    """The last plan of another policy, long deleted, may have given it just what it had."""
+    server = Server(by_us(), policies=[{**policy(), "spec": spec}])
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    assert restore(server, "--remove-finalizers", RELEASE) == (0, "ContextPolicy lab/robot: finalizer removed\n")
+
+
 def test_heavy_policies_of_others_do_not_exhaust_the_memory(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     assert restore(server, "--dry-run")[0] == 0

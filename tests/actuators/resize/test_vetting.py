@@ -165,13 +165,12 @@ def test_pod_with_an_injected_container_stays_unproven():
     assert [(doubt.name, doubt.settled) for doubt in found.doubts] == [("map", False)]
 
 
-@pytest.mark.parametrize("spec", [True, False])
-def test_emptied_status_is_detected_for_selected_pods(spec):
-    found = Case(a_resized_pod(), owner=an_owner()).vet({}, spec=spec)
-    assert limits(found) == ({"uid-slam": 500} if spec else {})
-    assert [doubt.text.partition("; ")[0] for doubt in found.doubts] == (
-        ["lab/slam/slam: status.originals no longer has an entry"] if spec else []
-    )
+def test_emptied_status_is_detected_for_selected_pods():
+    found = Case(a_resized_pod(), owner=an_owner()).vet({})
+    assert limits(found) == {"uid-slam": 500}
+    assert [doubt.text.partition("; ")[0] for doubt in found.doubts] == [
+        "lab/slam/slam: status.originals no longer has an entry"
+    ]
 
 
 @pytest.mark.parametrize("manager", ["contextpolicy-restore", "vpa-updater", "kubelet"])
@@ -204,11 +203,41 @@ def test_forged_entry_in_another_policy_does_not_count_as_held():
     assert limits(case.vet({})) == {"uid-slam": 500}
 
 
-@pytest.mark.parametrize("change", [{"mode": "DryRun"}, {"mode": "Paused"}, {"shadow": {"of": "other"}}])
-def test_policy_that_does_not_enforce_has_no_missing_originals(change):
-    case, body = Case(a_resized_pod(), owner=an_owner()), a_policy(**change)
-    body["metadata"]["resourceVersion"] = "7"
-    assert case.vetting.vet(body, parse(body)).stored.pods == {}
+IDLE: dict[str, dict[str, Any] | None] = {
+    "dry run": {"mode": "DryRun"},
+    "paused": {"mode": "Paused"},
+    "shadow": {"shadow": {"of": "other"}},
+    "invalid": None,
+}
+
+
+@pytest.fixture(params=IDLE.values(), ids=IDLE)
+def idle(request):
+    """Vet a policy that acts no more, and whose status was emptied."""
+
+    def vet(case: Case, **others: Any) -> Vetted:
+        body = a_policy(**(request.param or {}))
+        body["metadata"]["resourceVersion"] = "7"
+        case.cluster.policies.update({POLICY: {}, **others})
+        return case.vetting.vet(body, None if request.param is None else parse(body))
+
+    return vet
+
+
+def test_emptied_status_is_detected_whatever_the_policy_has_become(idle):
+    found = idle(Case(a_resized_pod(), owner=an_owner()))
+    assert (limits(found), [doubt.settled for doubt in found.doubts]) == ({"uid-slam": 500}, [True])
+
+
+def test_policy_that_does_not_act_leaves_what_may_be_as_it_was(idle):
+    """The last plan of another, deleted policy may have given it just that."""
+    for case in (Case(a_resized_pod(), owner=an_owner("990m")), Case(a_resized_pod(owner=None))):
+        assert idle(case) == idle(Case())
+
+
+def test_policy_that_does_not_act_lacks_nothing_that_another_has(idle):
+    case = Case(a_resized_pod(), owner=an_owner())
+    assert idle(case, **{OTHER: signed(500, OTHER)}) == idle(Case())
 
 
 def test_pods_of_other_namespaces_are_ignored():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import threading
+import time
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -15,9 +17,11 @@ from contextpolicy.bus import agent_watch as agents
 from contextpolicy.bus.agent_watch import AgentWatch
 from contextpolicy.bus.decision_bus import agent_key, plan_key, usage_key
 from contextpolicy.bus.questions import MOST_WAITING
+from contextpolicy.bus.signatures import Signer, Verifier
 from contextpolicy.cluster.agent_reports import AgentReport
 from tests.agent.builders import NODE
-from tests.agent.bus_link.listening import KEY, POLICY, Asked, Listener
+from tests.agent.bus_link.listening import KEY, POLICY, Asked, Copied, Listener
+from tests.bus.certificates import signing_keys
 from tests.modules.robotkit.bus import client
 from tests.waiting import PATIENCE, until
 
@@ -112,6 +116,39 @@ def test_a_flood_of_forged_plans_has_the_source_asked_no_more_often(answered):
         answered.say(b"plan")
         answered.wait(0.1)
     assert [round(at) for _, at in answered.asked] == [0, 1, 3]
+
+
+class Answered(Asked):
+    """Its source answers, with whatever key it has by then."""
+
+    def __init__(self, scheduler, keys):
+        super().__init__(scheduler)
+        self._keys = keys
+
+    def get(self, selector, handler: Any = None, **_):
+        super().get(selector)
+        signed = Copied(Signer(self._keys).sign(KEY, b"plan", time.time_ns()))
+        plan = SimpleNamespace(key_expr=KEY, kind=zenoh.SampleKind.PUT, payload=Copied(b"plan"), attachment=signed)
+        handler.callback(SimpleNamespace(ok=plan))
+
+
+@pytest.mark.parametrize("first", ["operator", "agent"])
+def test_key_that_is_replaced_in_the_wrong_order_counts_once_both_have_it(tmp_path, listener, first):
+    """However long the other takes: the plan was given up meanwhile, and nothing new happens."""
+    keys = {side: signing_keys(tmp_path / side) for side in ("operator", "agent")}
+    scheduler = TestScheduler()
+    session = Answered(scheduler, keys["operator"])
+    AgentBus(cast("Any", session), NODE, scheduler, listener, Verifier(keys["agent"]))
+    session.say_token(zenoh.SampleKind.PUT)
+    session.wait(3600)
+    assert set(listener.events) == {(POLICY, "found"), "Forged"}
+    new, late = keys[first], keys["agent" if first == "operator" else "operator"]
+    for name in ("tls.crt", "tls.key"):
+        fresh = late / f"..{name}"
+        fresh.write_bytes((new / name).read_bytes())
+        fresh.replace(late / name)
+    session.wait(31)
+    assert listener.events[-1] == (POLICY, b"plan")
 
 
 def test_a_source_that_says_its_plan_meanwhile_is_not_asked(answered):

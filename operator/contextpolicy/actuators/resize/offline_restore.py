@@ -167,7 +167,7 @@ def _vetted(
     for body in _within(free, policies_of(api, namespace)):
         resized = vetting.resized(body["metadata"]["namespace"])
         lacks = FINALIZER in _finalizers(body) and not resized <= held
-        found = vetting.vet(body, _parsed(body) if lacks else None, held)
+        found = vetting.vet(body, _parsed(body), held) if lacks else vetting.vet(body, None, resized)
         held |= _known(found) & resized
         yield body, found
 

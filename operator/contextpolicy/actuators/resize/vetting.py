@@ -101,17 +101,22 @@ class Vetting:
         """The originals of a ContextPolicy object; `policy` is its spec, None if that is invalid.
 
         `held` are the containers whose originals policies of its namespace have; None means that they are to be read.
+
+        Of what a policy lacks that does not act, only what an owner's template says otherwise counts. Without a
+        template it may be as it was: a last plan may give a container just what it had.
         """
         metadata = body["metadata"]
         namespace, reference = metadata["namespace"], f"{metadata['namespace']}/{metadata['name']}"
         every, pods = dict(read(reference, raw_of(body))), self._pods(namespace)
         true = self._true(reference, every)
-        lost = self._lost(reference, _acts_on(policy, pods), true, held)
+        templates = Templates(self._api)
+        lost = self._lost(reference, _resized_by(policy, pods), true, held)
+        if not _acts(policy):
+            lost = [(pod, name) for pod, name in lost if _differs(pod.by_name[name], templates.cpu(pod).get(name))]
         suspects = {(pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)}
         doubts: list[Doubt] = []
         unproven: dict[str, str] = {}
         unsigned = every.keys() - true.keys()
-        templates = Templates(self._api)
         for (_, name, _), pod in sorted(suspects.items(), key=lambda suspect: suspect[0]):
             container = pod.by_name[name]
             said = every[pod.uid].containers.get(name) if pod.uid in every else None
@@ -169,15 +174,26 @@ class Vetting:
             return set()
 
 
-def _acts_on(policy: Policy | None, pods: list[PodView]) -> Iterator[tuple[PodView, ContainerView]]:
-    """What a policy selects; one that does not act has resized nothing of it."""
-    if policy is not None and policy.mode.acts and policy.shadow is None:
+def _acts(policy: Policy | None) -> bool:
+    return policy is not None and policy.mode.acts and policy.shadow is None
+
+
+def _resized_by(policy: Policy | None, pods: list[PodView]) -> Iterator[tuple[PodView, ContainerView]]:
+    """What a policy may have resized: what it selects, or anything while its spec is invalid."""
+    if policy is None:
+        yield from ((pod, container) for pod in pods for container in pod.containers)
+    else:
         yield from ((pod, container) for _, pod, container in matches(policy, pods))
 
 
 def _resized(container: ContainerView) -> bool:
     """Whether an operator has set its CPU, and not put it back."""
     return FIELD_MANAGER in (container.writers.request, container.writers.limit)
+
+
+def _differs(container: ContainerView, template: Cpu | None) -> bool:
+    """Whether the container has something else than its template says."""
+    return template is not None and _found(container, template) != container.spec
 
 
 def _found(container: ContainerView, template: Cpu | None) -> Cpu:
