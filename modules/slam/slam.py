@@ -23,8 +23,8 @@ from modules.slam.places import Places
 from modules.slam.refinement import Offset
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker
-from modules.slam.trust import doubt, stereo_doubt
-from modules.slam.uncertainty import carried, turned
+from modules.slam.trust import depth_doubt, doubt, scale_spread, stereo_doubt
+from modules.slam.uncertainty import carried, stretched, turned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -163,10 +163,11 @@ class StereoSlam:
         disparities = measure(picture, beside) - offset
         disparities[disparities < MIN_DISPARITY] = np.nan
         points = self._rectifier.in_space(picture.features.pixels, disparities)
-        if np.isfinite(points[:, 2]).sum() < MIN_POINTS:
+        known = int(np.isfinite(points[:, 2]).sum())
+        if known < MIN_POINTS:
             return False
         keyframe = self.map.add(self.world_from_camera, picture, points, fixes)
-        keyframe.doubt, keyframe.offset = why, offset
+        keyframe.doubt, keyframe.offset = why or depth_doubt(known, len(points)), offset
         self._places.add(keyframe.number, picture.features.descriptors)
         self.loops.remember(keyframe)
         self._reference, self._reference_from_camera = keyframe, np.eye(4)
@@ -196,7 +197,9 @@ class StereoSlam:
             return Pose(world_from_body, 0, State.LOST, is_keyframe=False)
         inliers = fixes[0].inliers if fixes else len(reference)  # a new start is where it is by definition
         covariance = fixes[0].covariance_in_map if fixes else reference.covariance
-        why = doubt(fixes[0]) if fixes else None
+        why = doubt(fixes[0]) if fixes else reference.doubt
         state = State.ADRIFT if reference.segment else State.DEGRADED if why else State.TRACKING
         in_world = turned(carried(covariance, body_from_camera), world_from_body)
+        if fixes:
+            in_world = stretched(in_world, world_from_body[:3, 3], scale_spread(fixes[0]))
         return Pose(world_from_body, inliers, state, is_keyframe, in_world, why)

@@ -56,6 +56,8 @@ class Fix:
     covariance: Floats = field(default_factory=lambda: np.zeros((6, 6)))
     tried: int = 0
     misfit: float = 1.0
+    disparity: float = np.inf
+    """Mean in pixels, by itself weighted, as near landmarks say most of how far the camera went."""
     offset: Offset = field(default_factory=Offset)
     rows: Indices = field(default_factory=lambda: np.empty(0, np.intp))
     seen: Floats = field(default_factory=lambda: np.empty((0, 2)))
@@ -187,10 +189,16 @@ class Tracker:
             inliers=count,
             covariance=fitted.covariance,
             misfit=fitted.misfit,
+            disparity=_weighted_mean(sightings.disparities[fitted.fits] - fix.keyframe.offset),
             offset=fitted.offset,
             rows=fix.rows[fitted.fits],
             seen=fix.seen[fitted.fits],
         )
+
+
+def _weighted_mean(disparities: Floats) -> float:
+    """The disparity whose error stretches the movement as much as the same error of all of them."""
+    return float((disparities**2).sum() / disparities.sum())
 
 
 def _near(first: Floats, second: Floats, radius: float) -> Mask:

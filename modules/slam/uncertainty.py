@@ -38,6 +38,13 @@ def chained(first: Floats, second: Floats, first_from_second: Floats) -> Floats:
     return carried(first, inverse(first_from_second)) + second
 
 
+def stretched(covariance: Floats, position: Floats, spread: float) -> Floats:
+    """Of a place this far from where the map begins, if the scale of all distances is uncertain (a part of 1)."""
+    wider: Floats = covariance.copy()
+    wider[:3, :3] += spread**2 * np.outer(position, position)
+    return wider
+
+
 def turned(covariance: Floats, world_from_body: Floats) -> Floats:
     """In the world's axes, as ROS has it: of x, y, z and the turns about these axes, at the body's place."""
     rotation = np.zeros((6, 6))

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 
 from modules.slam import trust
+from modules.slam.calibration import Rectifier, load_rig
+from modules.slam.geometry import floats, transform
 from modules.slam.refinement import Offset
-from modules.slam.slam import State
+from modules.slam.slam import State, StereoSlam
 from modules.slam.tracking import Fix
-from modules.slam.trust import doubt, stereo_doubt
+from modules.slam.trust import depth_doubt, doubt, scale_spread, stereo_doubt
 from tests.modules.slam.recording import pictures, slam, track
+from timelines.datasets import euroc as generator
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +47,15 @@ def test_the_same_picture_twice_has_no_depth(frames):
     assert [position(pose) for pose in poses] == [pytest.approx(np.zeros(3), abs=1e-9)] * 5
 
 
+def test_the_same_picture_twice_is_doubted_where_turned_cameras_see_depth_in_it(frames):
+    rig = load_rig(generator.RIG)
+    turn = transform(floats(cv2.Rodrigues(np.array([0, np.radians(-8), 0]))[0]), np.zeros(3))
+    turned = replace(rig, right=replace(rig.right, body_from_camera=rig.right.body_from_camera @ turn))
+    module = StereoSlam(Rectifier(turned))
+    poses = [track(module, left, left) for left, _ in frames[:5]]
+    assert {(pose.state, pose.doubt) for pose in poses} == {(State.DEGRADED, "cameras disagree")}
+
+
 def shifted(picture, columns, rows):
     return cv2.warpAffine(picture, np.array([[1.0, 0, columns], [0, 1, rows]]), picture.shape[::-1])
 
@@ -51,9 +66,9 @@ def test_a_camera_that_was_knocked_is_not_trusted(frames, shift):
     assert sum(pose.state is State.TRACKING for pose in poses[10:]) <= 4
 
 
-def fix(spread=0.01, offset=0.0, why=None, **changes):
-    keyframe = type("K", (), {"points": np.full((3, 3), 2.0), "doubt": why})()
-    values = {"inliers": 200, "tried": 250, "misfit": 1.0} | changes
+def fix(spread=0.01, offset=0.0, why=None, corrected=0.0, **changes):
+    keyframe = SimpleNamespace(points=np.full((3, 3), 2.0), doubt=why, offset=corrected)
+    values = {"inliers": 200, "tried": 250, "misfit": 1.0, "disparity": 20.0} | changes
     return Fix(keyframe, np.eye(4), covariance=np.eye(6) * spread**2, offset=Offset(offset), **values)
 
 
@@ -67,10 +82,37 @@ def fix(spread=0.01, offset=0.0, why=None, **changes):
         ({"spread": 0.2}, "view says too little"),
         ({"offset": -trust.MOST_OFFSET - 0.1}, "cameras disagree"),
         ({"why": "cameras disagree"}, "cameras disagree"),
+        ({"corrected": -0.2}, None),
+        ({"corrected": -0.9}, "scale uncertain"),
+        ({"corrected": -0.9, "disparity": 60.0}, None),
+        ({"corrected": -0.2, "disparity": 8.0}, "scale uncertain"),
+        ({"disparity": 2.0}, "scale uncertain"),
     ],
 )
 def test_a_pose_is_doubted_for_one_of_these(changes, why):
     assert doubt(fix(**changes)) == why
+
+
+def test_cameras_disagree_when_few_corners_have_a_depth():
+    assert depth_doubt(known=250, corners=800) is None
+    assert depth_doubt(known=150, corners=800) == "cameras disagree"
+
+
+def test_the_scale_is_as_unsure_as_the_disparities_of_the_landmarks_that_say_how_far():
+    assert scale_spread(fix(corrected=-1.0)) == pytest.approx(0.025, rel=0.01)
+    assert scale_spread(fix(corrected=-1.0, disparity=10.0)) == pytest.approx(0.05, rel=0.01)
+    assert scale_spread(fix()) == pytest.approx(trust.LEAST_OFFSET / 20)
+
+
+def knocked(pixels):
+    """Pictures of a right camera that is turned by so many pixels against its calibration."""
+    return lambda left, right: (left, shifted(right, pixels, 0))
+
+
+def test_a_camera_slightly_turned_is_corrected_but_its_scale_is_uncertain(frames):
+    poses = run([knocked(1.5)(*pair) for pair in frames])
+    assert {pose.doubt for pose in poses[-15:]} == {"scale uncertain"}
+    assert {pose.doubt for pose in run(frames)} == {None}
 
 
 def test_cameras_disagree_when_most_landmarks_have_another_distance_than_before():

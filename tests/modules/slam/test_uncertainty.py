@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from modules.slam.geometry import floats, inverse, transform, twist
-from modules.slam.uncertainty import carried, chained, turned
+from modules.slam.uncertainty import carried, chained, stretched, turned
 
 
 def pose(turn, shift):
@@ -42,3 +42,11 @@ def test_covariance_rotates_into_the_world_frame():
     left = pose((0, 0, np.pi / 2), (5, 5, 5))
     upright = turned(np.diag([4.0, 0, 0, 0, 1, 0]), left)
     assert np.diag(upright) == pytest.approx([0, 4, 0, 1, 0, 0])
+
+
+def test_an_unsure_scale_moves_a_pose_along_its_direction_from_the_start():
+    place = np.array([30.0, 40, 0])
+    scales = np.random.default_rng(3).normal(1, 0.02, 4000)
+    sampled = np.cov((scales[:, None] * place).T)
+    assert stretched(np.zeros((6, 6)), place, 0.02)[:3, :3] == pytest.approx(sampled, rel=0.1, abs=1e-9)
+    assert stretched(COVARIANCE, np.zeros(3), 0.02) == pytest.approx(COVARIANCE)
