@@ -64,7 +64,10 @@ def test_ros_fields_are_refused_on_other_streams():
     )
     assert findings["spec.streams[0].clock"] == ("sim", "one of Auto, Source, Arrival")
     assert findings["spec.streams[0].types"][0] == "Robot Types"
-    assert findings["spec.streams[1].ros"] == ("jazzy", "encoding cdr with it, as other encodings have no message types")
+    assert findings["spec.streams[1].ros"] == (
+        "jazzy",
+        "encoding cdr with it, as other encodings have no message types",
+    )
 
 
 def test_a_selector_reads_labels_and_expressions():
