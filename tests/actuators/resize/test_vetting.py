@@ -211,7 +211,7 @@ IDLE: dict[str, dict[str, Any] | None] = {
 }
 
 
-@pytest.fixture(params=IDLE.values(), ids=IDLE)
+@pytest.fixture(params=list(IDLE.values()), ids=list(IDLE))
 def idle(request):
     """Vet a policy that acts no more, and whose status was emptied."""
 

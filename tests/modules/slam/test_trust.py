@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -67,7 +68,7 @@ def test_a_camera_that_was_knocked_is_not_trusted(frames, shift):
 
 
 def fix(spread=0.01, offset=0.0, why=None, corrected=0.0, **changes):
-    keyframe = SimpleNamespace(points=np.full((3, 3), 2.0), doubt=why, offset=corrected)
+    keyframe: Any = SimpleNamespace(points=np.full((3, 3), 2.0), doubt=why, offset=corrected)
     values = {"inliers": 200, "tried": 250, "misfit": 1.0, "disparity": 20.0} | changes
     return Fix(keyframe, np.eye(4), covariance=np.eye(6) * spread**2, offset=Offset(offset), **values)
 
