@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contextpolicy.bus.session import KEEP, open_visitor
+from contextpolicy.bus.session import open_visitor
 from timelines.demo import deploy
 
 if TYPE_CHECKING:
@@ -22,15 +22,12 @@ PATIENCE = 20.0
 
 
 @contextmanager
-def session(role: str, *, closed: bool, keep: float = KEEP) -> Iterator[zenoh.Session]:
-    """A session on the bus; where the bus asks who speaks, in the given role.
-
-    `keep` are the seconds that an input waits for its place on the bus before it is lost.
-    """
+def session(role: str, *, closed: bool) -> Iterator[zenoh.Session]:
+    """A session on the bus; where the bus asks who speaks, in the given role."""
     with tempfile.TemporaryDirectory() as folder:
         credentials = _credentials(role, Path(folder)) if closed else None
         endpoint = deploy.router(closed=closed)
-        with open_visitor([endpoint], patience=PATIENCE, credentials=credentials, keep=keep) as opened:
+        with open_visitor([endpoint], patience=PATIENCE, credentials=credentials) as opened:
             yield opened
 
 

@@ -37,11 +37,10 @@ PRIORITIES = (
 )
 DROP_AFTER = "transport/link/tx/queue/congestion_control/drop/wait_before_drop"
 """In microseconds."""
-KEEP = 0.001
-"""Seconds that a message waits for a place in a full queue before it is dropped: Zenoh's default."""
 ROUTER_KEEP = 0.05
-"""The same in a router, which drops at once what follows until the queue has a place again. With Zenoh's default, a
-burst of 20,000 small samples lost a third of them on two busy cores; with 20 ms none."""
+"""Seconds that a message waits for a place in a router's full queue before it is dropped, and at once what follows it
+until the queue has a place again. With Zenoh's default, a burst of 20,000 small samples lost a third of them on two
+busy cores; with 20 ms none."""
 CLOSE_AFTER = 0.25
 """Seconds that a router waits for a client that reads nothing, before it closes its session, with what Zenoh never
 drops: who declared what. Some MB of that wait by then. All others wait as long; with Zenoh's default, for 5 s."""
@@ -78,20 +77,16 @@ def open_client(endpoints: Sequence[str], stop: Event, credentials: Path | None 
     return None
 
 
-def open_visitor(
-    endpoints: Sequence[str], *, patience: float, credentials: Path | None = None, keep: float = KEEP
-) -> zenoh.Session:
+def open_visitor(endpoints: Sequence[str], *, patience: float, credentials: Path | None = None) -> zenoh.Session:
     """A client for one-off queries from the command line; zenoh.ZError when no router answers in `patience` seconds.
 
-    `credentials` is a directory (see `bus.credentials`), or None on a bus that is open to all. A message that finds no
-    place in a queue waits `keep` seconds for one before it is dropped.
+    `credentials` is a directory (see `bus.credentials`), or None on a bus that is open to all.
     """
     settings = {
         "mode": "client",
         "connect/endpoints": list(endpoints),
         "connect/timeout_ms": int(patience * 1000),
         "connect/retry": RETRY,
-        DROP_AFTER: int(keep * 1e6),
     }
     return zenoh.open(_config({**settings, **client_settings(credentials)}))
 

@@ -120,7 +120,7 @@ class Dispatcher:
         elif found.reason == "NotFound":
             pod.state.miss()
         else:
-            pod.state.fail_to_ask(found, now)
+            pod.state.lose(found, now)
             self._tell(patch, pod, found)
         self._listener.on_patch_end(pod)
 

@@ -136,12 +136,7 @@ class PodState:
         return self._rest(error, now)
 
     def lose(self, error: ActuationError, now: float) -> float:
-        """No usable answer came; returns the pause in seconds until the pod is read."""
-        self._move(Event.LOST)
-        return self._rest(error, now)
-
-    def fail_to_ask(self, error: ActuationError, now: float) -> float:
-        """The pod could not be read; returns the pause in seconds until it is read again."""
+        """No usable answer came, to a patch or to a read; returns the pause in seconds until the pod is read."""
         self._move(Event.LOST)
         return self._rest(error, now)
 

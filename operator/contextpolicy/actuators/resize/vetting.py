@@ -14,7 +14,7 @@ from contextpolicy.actuators.resize.stored_originals import StoredPod, quantitie
 from contextpolicy.cluster import paging
 from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.matches import matches
-from contextpolicy.cluster.pod_templates import Templates
+from contextpolicy.cluster.pod_templates import OwnerApi, Templates
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError
@@ -32,11 +32,8 @@ WAY_OUT = "replace the pod"
 WAY_OUT_OF_SIGNED = f"let the release that signed it serve the namespace, or {WAY_OUT}"
 
 
-class VettingApi(paging.PageReader, Protocol):
+class VettingApi(paging.PageReader, OwnerApi, Protocol):
     """What it needs of the API server."""
-
-    def read(self, path: str) -> dict[str, Any]:
-        """GET an object."""
 
 
 @dataclass(frozen=True, slots=True)
