@@ -44,6 +44,11 @@ def with_agent(**spec):
     return robot
 
 
+def test_what_its_agent_runs_in_realtime_is_not_claimed():
+    robot = with_agent(enforcement={"scheduler": "Realtime"})
+    assert (robot.orders.last.claimed, robot.orders.last.shares) == (frozenset(), {})
+
+
 def test_orders_wait_for_the_agents_head_start():
     robot = with_agent()
     orders, messages = len(robot.orders.all), len(robot.session.plans())

@@ -51,8 +51,7 @@ class PodLimits:
         """The least limit of the pod that does not throttle its containers below theirs; what it has if that stays."""
         if self._stays:
             return self.now
-        wanted = [wanted for _, wanted in self.containers.values()]
-        return None if None in wanted else self.others + sum(amount or 0 for amount in wanted)
+        return self.others + sum(wanted or 0 for _, wanted in self.containers.values())
 
     @property
     def moves(self) -> Mapping[Path, tuple[int | None, int | None]]:
@@ -64,7 +63,7 @@ class PodLimits:
     @property
     def _stays(self) -> bool:
         """The kubelet limits a pod of which a container has no limit only if the pod has one of its own."""
-        return self.owned or (self.now is not None and None in [wanted for _, wanted in self.containers.values()])
+        return self.owned or None in [wanted for _, wanted in self.containers.values()]
 
     def _within(self, now: int | None, wanted: int | None) -> int | None:
         """No more than the pod has, and as much for a container without a limit: the kubelet writes the pod's there.
