@@ -87,16 +87,6 @@ def test_a_realtime_policy_without_agents_falls_back_and_says_why(operator):
     assert [reason for reason, _ in operator.reported() if reason != "ContextEntered"] == ["RealtimeUnavailable"]
 
 
-def test_nodes_of_realtime_agents_are_not_resized(operator):
-    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
-    operator.govern(a_policy(enforcement={"scheduler": "Realtime"}))
-    operator.sample(IMU, speed=0.3)
-    operator.turn(10.0)
-    operator.settle()
-    assert operator.cluster.calls == []
-    assert operator.condition("Realtime")[0] == "True"
-
-
 @pytest.mark.parametrize("confirming", [True, False])
 def test_resizes_wait_only_for_an_agent_that_confirms(operator, confirming):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()

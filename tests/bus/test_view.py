@@ -59,7 +59,7 @@ def test_a_narrow_terminal_loses_nothing(width: int) -> None:
 
 def test_unresponsive_operator_is_marked() -> None:
     view = heard((KEY, plan()))
-    assert "its operator does not respond" in drawn(view)
+    assert "its operator does not respond: showing its last report" in drawn(view)
     view.take_board(BOARD)
     assert "its operator does not respond" not in drawn(view)
 

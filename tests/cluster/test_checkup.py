@@ -54,12 +54,12 @@ WELL = ClusterFacts(
 )
 
 
+def problems(**changes):
+    return [check for check in checkup(replace(WELL, **changes)) if check.verdict != Verdict.OK]
+
+
 def found(**changes):
-    return {
-        (check.subject, check.verdict.value)
-        for check in checkup(replace(WELL, **changes))
-        if check.verdict != Verdict.OK
-    }
+    return {(check.subject, check.verdict.value) for check in problems(**changes)}
 
 
 def test_a_cluster_on_which_all_is_well():
@@ -99,15 +99,9 @@ def test_a_cluster_on_which_all_is_well():
         ({"policies": [{"metadata": {"namespace": "robot", "name": "delivery"}}]}, ("policy robot/delivery", "bad")),
     ],
 )
-def test_problems_are_found(changes, expected):
+def test_problems_are_found_with_a_remedy(changes, expected):
     assert expected in found(**changes)
-
-
-def test_every_problem_has_a_remedy():
-    worst = ClusterFacts(
-        "v1.30.0", [a_policy(Applied="NotApplied")], [], [a_program("r", ready=False)], None, ["patch pods"]
-    )
-    assert all(check.remedy for check in checkup(worst) if check.verdict is not Verdict.OK)
+    assert all(check.remedy for check in problems(**changes))
 
 
 def test_missing_chart_router_is_not_a_problem():

@@ -494,17 +494,6 @@ def test_a_namespace_that_no_release_serves_is_reported(cluster, forwarded, caps
 
 
 @pytest.mark.usefixtures("operator")
-def test_top_through_the_cluster(monkeypatch, capsys):
-    monkeypatch.delenv("ZENOH_CONNECT", raising=False)
-    monkeypatch.setattr("contextpolicy.commands.top.TICK", 0.0)
-    assert cli.main(["top", "--once"]) == 0
-    out = capsys.readouterr().out
-    assert "lab/robot   context: moving" in out
-    for heading in ("limit", "use", "throttled", "stream", "age", "sample to change in force: median"):
-        assert heading in out
-
-
-@pytest.mark.usefixtures("operator")
 @pytest.mark.parametrize("columns", [40, 80, 120])
 def test_output_fits_the_terminal(cluster, operator, columns, capsys, monkeypatch):
     message = "pod lab/speech: the ResourceQuota cpu-of-the-lab is used up; raise it, or lower the limit"

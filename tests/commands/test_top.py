@@ -131,12 +131,3 @@ def test_without_a_terminal_each_change_is_written_once(capsys: pytest.CaptureFi
         top._show(arguments, view, take, lambda: None)
     reported = [line for line in capsys.readouterr().out.splitlines() if line.startswith("robot/delivery")]
     assert [line.split("context: ")[1].split()[0] for line in reported] == ["moving", "docked"]
-
-
-def test_unresponsive_operator_is_marked(
-    operator: Operator, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What it said last is not what is the case."""
-    monkeypatch.setenv("COLUMNS", "100")
-    assert main(["top", "--connect", operator.endpoint, "--once"]) == 0
-    assert "its operator does not respond: showing its last report" in capsys.readouterr().out

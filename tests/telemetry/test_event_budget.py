@@ -1,14 +1,6 @@
 from __future__ import annotations
 
-from contextpolicy.telemetry.event_budget import BURST, FOR_PROBLEMS, REFILL, EventBudget
-
-
-def test_a_burst_then_one_at_a_time():
-    budget = EventBudget()
-    assert [budget.spend(1000.0) for _ in range(BURST + 3)] == [True] * BURST + [False] * 3
-    assert not budget.spend(1000.0 + REFILL / 2)
-    assert budget.spend(1000.0 + REFILL)
-    assert not budget.spend(1000.0 + REFILL)
+from contextpolicy.telemetry.event_budget import BURST, FOR_PROBLEMS, EventBudget
 
 
 def test_flapping_contexts_leave_events_for_problems():

@@ -9,7 +9,6 @@ import pytest
 from contextpolicy.telemetry.reporter import STATUS_DELAY, STATUS_INTERVAL, STATUS_RETRY
 from contextpolicy.telemetry.status_budget import BURST, FOR_CONTEXTS, REFILL
 from tests.actuators.resize.fake_cluster import UNREACHABLE
-from tests.telemetry.reporting import POLICY
 
 
 @pytest.mark.parametrize("contexts", [("-",), ("moving", "reading")])
@@ -81,10 +80,3 @@ def test_failed_writes_do_not_use_the_budget(desk):
     desk.status(1)
     desk.wait(2 * BURST * STATUS_RETRY + 1)
     assert [n for _, _, n in desk.statuses] == [1]
-
-
-def test_no_status_is_built_for_a_deleted_policy(desk):
-    desk.storm(120)
-    desk.reporter.status(POLICY, lambda: pytest.fail("the policy is gone"))
-    desk.reporter.forget(POLICY)
-    desk.wait(2 * REFILL)

@@ -82,13 +82,6 @@ def test_a_container_that_ended_is_forgotten(tree, limits, slam, speech):
     assert not any(path.is_relative_to(slam) for path in limits.ledger.entries)
 
 
-def test_a_container_without_a_limit_is_capped_and_freed_again(tree, limits):
-    free = tree.container(CHAT, limit=None)
-    for limit in (10, None):
-        limits.plan({free: limit}, original=None)
-        assert (tree.limit(free), tree.limit(free.parent)) == (limit, None)
-
-
 def test_container_without_a_limit_is_restored_to_none(tree, limits):
     free = tree.container(CHAT, limit=None)
     limits.plan({free: 10}, [free], original=None)
