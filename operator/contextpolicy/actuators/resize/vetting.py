@@ -189,7 +189,7 @@ def _resized(container: ContainerView) -> bool:
 
 
 def _differs(container: ContainerView, template: Cpu | None) -> bool:
-    """Whether the container has something else than its template says."""
+    """Whether the container's CPU differs from what its template says."""
     return template is not None and _found(container, template) != container.spec
 
 
