@@ -58,9 +58,33 @@ def test_a_need_that_the_tasks_own_max_breaks_is_reported_once():
 FAST = turning("fast", "mic.x > 1", {"min": "1"})
 
 
-@pytest.mark.parametrize("contexts", [[FAST, HOT], [HOT, FAST]])
-def test_a_later_bound_replaces_an_earlier_one(contexts):
-    assert reported(a_robot(*contexts)) == []
+CROSSING = [
+    ([FAST, HOT], "min", "is above the max 500m of hot, which may hold beside fast: hot comes later", 500),
+    ([HOT, FAST], "max", "is below the min 1 of fast, which may hold beside hot: fast comes later", 1000),
+]
+
+
+@pytest.mark.parametrize(("contexts", "field", "message", "share"), CROSSING)
+def test_bounds_that_no_share_meets(contexts, field, message, share):
+    policy = a_robot(*contexts)
+    (found,) = reported(policy)
+    assert found[0] == f"[0].tasks.slam.{field}"
+    assert found[1].startswith(message)
+    story = Story(policy, on_node("slam", "rest", cores=4))
+    story.sample("mic", at=0.5, x=5.0)
+    story.sample("imu", at=1, x=5.0)
+    assert story.last.tasks["slam"].share == share
+
+
+@pytest.mark.parametrize("when", ["imu.x < 1", "mic.x > 1 && !contexts.hot"])
+def test_bounds_of_contexts_that_exclude_each_other(when):
+    fast = turning("fast", when, {"min": "1"}, exitAfter="0s")
+    hot = turning("hot", "imu.x > 1", {"max": "500m"}, exitAfter="0s")
+    assert reported(a_robot(hot, fast)) == []
+
+
+def test_bounds_that_some_share_meets():
+    assert reported(a_robot(HOT, turning("fast", "mic.x > 1", {"min": "500m"}))) == []
 
 
 @pytest.mark.parametrize("never", ["abs(imu.x) < 0", "imu.x > 1 && imu.x < 0"])

@@ -51,6 +51,7 @@ class _Effects:
             yield from self._in_vain.of(field, context, task)
             for later in self._policy.contexts[index + 1 :]:
                 yield from self._beside(field, context, later, name)
+                yield from self._apart(field, context, later, name)
 
     def _too_little(self, field: str, context: Context, task: Task) -> Iterator[Finding]:
         most = context.effects[task.name].max
@@ -78,6 +79,18 @@ class _Effects:
         if undone and self._accompanies(later, context):
             message = f"has no effect: {later.name}, which comes later, holds whenever {context.name} does"
             yield from (Finding(f"{field}.{what}", value, f"{what} {message}") for what, value in undone)
+
+    def _apart(self, field: str, context: Context, later: Context, name: str) -> Iterator[Finding]:
+        """Bounds of two contexts that no share meets, although both may hold."""
+        own, other = context.effects[name], _of(name, later)
+        crossing = [("min", own.min, "above", "max", other.max), ("max", own.max, "below", "min", other.min)]
+        for what, bound, side, theirs, limit in crossing:
+            if bound is None or limit is None or (bound <= limit if what == "min" else bound >= limit):
+                continue
+            if not self._situations.excludes(context, later):
+                message = f"is {side} the {theirs} {format_cpu(limit)} of {later.name}, which may hold beside "
+                message += f"{context.name}: {later.name} comes later, so {name} then gets {format_cpu(limit)}"
+                yield Finding(f"{field}.{what}", format_cpu(bound), message)
 
     def _accompanies(self, later: Context, context: Context) -> bool:
         """Whether it surely holds from the first to the last moment of the other."""
