@@ -47,6 +47,24 @@ def test_a_context_may_latch_through_one_that_reads_it(mic):
     assert run_story(policy).last.contexts == ("wary", "quiet")
 
 
+@pytest.mark.parametrize("delay", ["0s", "1s"])
+def test_a_context_may_latch_through_several(delay):
+    wary = a_context("wary", "imu.x > 1", OTHER, until="mic.level > 0.3")
+    calm = a_context("calm", "contexts.wary", {"rest": {"weight": 2}}, enterAfter=delay)
+    policy = a_robot(wary, calm, a_context("quiet", "contexts.calm", QUIET))
+    (one,) = reported(policy)
+    assert one.startswith("context wary, beside which quiet holds, suspends speech, which produces mic: ")
+    assert run_story(policy).last.contexts == ("wary", "calm", "quiet")
+
+
+def test_no_latch_if_a_context_between_may_never_begin():
+    wary = a_context("wary", "imu.x > 1", OTHER, until="mic.level > 0.3")
+    calm = a_context("calm", "contexts.wary && imu.x < 2", OTHER, enterAfter="1s")
+    policy = a_robot(wary, calm, a_context("quiet", "contexts.calm", QUIET))
+    assert reported(policy) == []
+    assert run_story(policy).last.contexts == ()
+
+
 @pytest.mark.parametrize("quiet", ["contexts.wary && imu.x > 1", "imu.x > 1", "contexts.other"])
 def test_no_latch_if_the_other_context_may_end_first(quiet):
     wary = a_context("wary", "imu.x > 1", OTHER, until="mic.level > 0.3")

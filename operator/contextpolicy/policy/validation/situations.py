@@ -65,7 +65,10 @@ class Situations:
         return self._following[names]
 
     def _follows(self, later: Context, first: Context) -> bool:
-        own, standing = Conditions(later.when or "false", later.until), self._standing(first)
+        own = Conditions(later.when or "false", later.until)
+        delayed = [one for one in self.read(*own.sources) if one.enter_after and one is not first]
+        holding = [f"contexts['{one.name}']" for one in delayed if self.follows(one, first)]
+        standing = [*self._standing(first), *holding]
         return bool(self._names(standing) & self._names(own.sources)) and not self._may(
             [*standing, *own.sources],
             lambda case: all(holds(one, case) for one in standing) and not own.begin(case),
