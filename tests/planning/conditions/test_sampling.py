@@ -83,3 +83,31 @@ def test_a_filter_without_an_answer_drops_the_sample(sample):
     story = watching(a_stream("imu", filter="imu.ok"))
     story.sample("imu", at=1, **sample)
     assert story.drops() == {("imu", "expression"): 1}
+
+
+def test_a_filtered_sample_renews_stale_after_but_not_the_age():
+    story = watching(a_stream("imu", filter="imu.ok", staleAfter="1s"), "age(imu) > 2", fallback="on")
+    for at in range(6):
+        story.sample("imu", at=at, ok=at == 0)
+    assert not story.planner.streams["imu"].silent
+    assert story.contexts_over_time() == [(0, ()), (2, ("on",))]
+    story.wait(6)
+    assert story.planner.streams["imu"].silent
+
+
+def test_a_sample_dropped_for_its_timestamp_renews_neither():
+    story = watching(a_stream("imu", clock="Source", staleAfter="3s"), "age(imu) > 2")
+    for at in range(3):
+        story.sample("imu", at=at, stamp=0 if at == 0 else -9)
+    story.wait(2.5)
+    assert story.contexts_over_time() == [(0, ()), (2, ("on",))]
+    story.wait(3)
+    assert story.planner.streams["imu"].silent
+
+
+def test_an_age_counts_from_when_a_sample_held_back_counts():
+    story = watching(a_stream("imu", sampleEvery="1s"), "age(imu) > 2")
+    for at in (0.0, 0.1, 0.2):
+        story.sample("imu", at=at, speed=at)
+    story.wait(10)
+    assert story.contexts_over_time() == [(0, ()), (3, ("on",))]

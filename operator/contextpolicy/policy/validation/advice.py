@@ -9,6 +9,7 @@ from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.spec import Enforcement, Scheduler
 from contextpolicy.policy.stream_spec import FeatureOp
+from contextpolicy.policy.validation.ages import ages
 from contextpolicy.policy.validation.beginnings import beginnings
 from contextpolicy.policy.validation.effects import effects
 from contextpolicy.policy.validation.frozen import frozen
@@ -47,6 +48,7 @@ def advice(policy: Policy) -> Iterator[Finding]:
     yield from standing(policy)
     yield from thresholds(policy)
     yield from truths(policy)
+    yield from ages(policy)
     yield from beginnings(policy)
     yield from frozen(policy)
     yield from source_fields(policy)
