@@ -1,4 +1,4 @@
-"""The README's module, as it stands there, as a program on a bus; and its fake plan."""
+"""The README's module, as it stands there, as a program on a bus; and the fake plan of the reference page."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ import robotkit
 from tests.modules.robotkit.bus import Matching, client, router
 
 README = Path(robotkit.__file__).parents[1] / "README.md"
+REFERENCE = README.parents[2] / "docs" / "reference" / "robotkit.md"
 EXIT_S = 30
 
 
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
+def blocks(language, page=README):
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
 
 
 @pytest.fixture
@@ -64,7 +65,7 @@ def test_the_module_runs_receives_a_plan_and_ends_on_a_signal(folder):
             microphone.put((16384).to_bytes(2, "little") * 10)
             assert json.loads(levels.recv().payload.to_bytes())["level"] == 0.5
             hearing.wait(expected=True)  # it works before it hears plans
-            exec(blocks("python")[1].replace("tcp/127.0.0.1:7447", address), {})  # noqa: S102 - our own README
+            exec(blocks("python", REFERENCE)[0].replace("tcp/127.0.0.1:7447", address), {})  # noqa: S102 - our own page
             listening.wait(expected=False)
             process.send_signal(signal.SIGTERM)
             assert process.wait(EXIT_S) == 0
