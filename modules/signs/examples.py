@@ -55,7 +55,7 @@ def examples(count: int, seed: int, progress: Callable[[int], None]) -> Examples
     """Draw signs and cut their numbers out, as roughly as a detector does; all cores draw."""
     choice = fonts()
     if not choice:
-        raise SystemExit(f"{FONTS} has no font of {', '.join(FAMILIES)}: see README.md")
+        raise SystemExit(f"{FONTS} has no font of {', '.join(FAMILIES)}: see docs/measurements/modules.md")
     sizes = [min(_BATCH, count - start) for start in range(0, count, _BATCH)]
     drawn: list[Examples] = []
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # XLA's threads do not survive a fork

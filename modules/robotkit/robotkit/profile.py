@@ -1,6 +1,6 @@
 """What a task costs: CPU, waiting time and latency of each input, as counts since the start and as distributions.
 
-Experiments compare profiles, and misses are predicted from them; the format is in the README.
+Experiments compare profiles, and misses are predicted from them; docs/reference/robotkit.md has the format.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from modules.signs.reading import Character, Reading
 from modules.signs.watcher import Watcher
 
 GOALS = {("paddle", 1): 0.8, ("paddle", 2): 0.9, ("digits", 1): 0.6, ("digits", 2): 0.8}
-"""What is read right, at least, over all sets: README.md has what was measured."""
+"""What is read right, at least, over all sets: docs/measurements/modules.md has what was measured."""
 
 
 @pytest.fixture(scope="module")
