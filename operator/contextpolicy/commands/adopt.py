@@ -27,7 +27,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "adopt",
         help="make a promoted shadow the policy",
         description="Write the spec of a promoted shadow into the policy that it is a shadow of, and delete the "
-        "shadow; nothing that is in force changes. Under GitOps move the spec in Git instead, which would undo this.",
+        "shadow; nothing that is in force changes. Under GitOps move the spec in Git, or the next sync undoes this.",
     )
     parser.add_argument("policy", metavar="SHADOW", help="[NAMESPACE/]NAME of the shadow")
     add_namespace(parser)

@@ -33,7 +33,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
             command,
             help=text,
             description=f"Set the {whose.lower()}'s mode to {mode}: {text}. Under GitOps set spec.mode in "
-            "Git instead, which would undo this.",
+            "Git, or the next sync undoes this.",
         )
         parser.add_argument("policy", metavar=whose, help=f"[NAMESPACE/]NAME of the {whose.lower()}")
         add_namespace(parser)

@@ -71,7 +71,11 @@ def add(subparsers: Any) -> None:
         "--priority", type=_task_number, action="append", metavar="TASK=N", help="how much misses matter (the policy's)"
     )
     parser.add_argument(
-        "--misses", type=_part, default=MISSES, metavar="PART", help="of the inputs that are allowed (default: 0.01)"
+        "--misses",
+        type=_part,
+        default=MISSES,
+        metavar="PART",
+        help="part of the inputs that may be missed (default: 0.01)",
     )
     parser.add_argument(
         "--tries", type=_count, default=TRIES, metavar="N", help="policies to simulate at most (default: 100)"

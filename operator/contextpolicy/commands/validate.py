@@ -39,8 +39,8 @@ def add_types_argument(parser: argparse.ArgumentParser) -> None:
         "--types",
         metavar="DIR",
         type=Path,
-        help="a folder with .msg and .idl files, such as an installed package's share: messages of ConfigMaps "
-        "that are in none of the files",
+        help="a folder with .msg and .idl files, such as an installed package's share directory: instead of "
+        "ConfigMaps that are not among the files",
     )
 
 
