@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import task_colors
 from contextpolicy.live.page_server import PageServer
 from tests.heavy.browser import Browser
 from tests.heavy.live_robot import STORY, TASKS, Disturbed, a_robot, many, run

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import task_colors
 from contextpolicy.policy.parsing import parse
 from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import task_colors
 from contextpolicy.simulation.drawing import INK, STYLE, draw_shares
 from timelines.demo.deploy import TASKS
 from timelines.experiments import rates, tables
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX_GATED, STATIC_GATED, WEIGHTS_GATED
-from timelines.scenarios import mission
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -136,7 +135,7 @@ def draw_use(run: Run, path: Path) -> None:
         if task in run.schedule.inputs
     }
     title = f"{CONFIGURATIONS[run.record.configuration].title}, {run.record.story}: CPU used over time"
-    draw_shares(used, _lanes(run), path, until=run.schedule.duration, unit="cores used", title=title)
+    draw_shares(used, _lanes(run), path, until=run.schedule.duration, label="CPU used (cores)", title=title)
 
 
 def _part(tasks: Mapping[str, Sequence[float]], task: str) -> float:
@@ -145,9 +144,8 @@ def _part(tasks: Mapping[str, Sequence[float]], task: str) -> float:
 
 
 def _lanes(run: Run) -> list[tuple[str, float, float]]:
-    """The contexts by the timeline. All kinds come first, empty, so that each has its own colour in every picture."""
-    shown = [(name, one.begin, one.end) for one in run.schedule.windows for name in one.contexts]
-    return [*((kind, 0.0, 0.0) for kind in mission.KINDS), *shown]
+    """The contexts by the timeline, in the same order in every picture."""
+    return sorted((name, one.begin, one.end) for one in run.schedule.windows for name in one.contexts)
 
 
 def _color(task: str) -> str:

@@ -11,7 +11,7 @@ plan        the message of the decision bus (see `planning.plan_json`) for the p
 streams     by name: `key`, `age` (s; null before the first sample), `silent`, `staleAfter`, `samples` (how many came)
 contexts    by name: `active`, and `why`, a sentence
 why         by task: sentences
-colors      by task that has a share of its own: `#rrggbb` (see `explain.task_colors`)
+colors      by task that has a share of its own: `#rrggbb` (see `explain.palette`)
 containers  each claimed one: `task`, `node`, `pod`, `container`, `cores` (planned), `limit` (in force; null unknown),
             `use` (cores) and `throttled` (part of its periods), null where no agent measures them
 health      by task, what its module says once a second, where the policy reads it: `misses` (part of its inputs),
@@ -28,8 +28,8 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.explain.explanation import explain
+from contextpolicy.explain.palette import task_colors
 from contextpolicy.explain.sentences import context_sentences, sentences
-from contextpolicy.explain.task_colors import task_colors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from contextpolicy.explain.task_colors import TASK_COLORS
+from contextpolicy.explain.palette import TASK_COLORS
 from contextpolicy.simulation.drawing import INK, STYLE
 
 if TYPE_CHECKING:
