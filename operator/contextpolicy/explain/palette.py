@@ -15,19 +15,19 @@ if TYPE_CHECKING:
 MODULE_COLORS: Mapping[str, str] = MappingProxyType(
     {
         "slam": "#1a7ef6",
-        "speech": "#e07a3f",
-        "signs": "#a61074",
+        "speech": "#e24c7e",
+        "signs": "#882ea6",
         "navigation": "#10bac4",
-        "imu": "#6a4c10",
-        "arm": "#5638ba",
-        "lidar": "#bab010",
+        "imu": "#bab010",
+        "arm": "#9c7410",
+        "lidar": "#106010",
     }
 )
 """Of the tasks in `modules/`: far apart in OKLab, also for eyes that take red for green."""
 TASK_COLORS = (
     *MODULE_COLORS.values(),
-    *("#2a6f97", "#5b8e55", "#8d5b8c", "#f67eec", "#a61010", "#88a6f6", "#e24c7e", "#1ac456", "#ce9cb0"),
-    *("#9c6aec", "#106010", "#c44cba", "#9c7410", "#9cb088", "#882ea6", "#a66056", "#7e88b0"),
+    *("#2a6f97", "#e07a3f", "#5b8e55", "#8d5b8c", "#f67eec", "#a61010", "#88a6f6", "#5638ba", "#6a4c10"),
+    *("#1ac456", "#ce9cb0", "#9c6aec", "#a61074", "#c44cba", "#9cb088", "#a66056", "#7e88b0"),
 )
 """As far apart as possible in OKLab among those that stand out from a white and from a black ground (2:1 at least)."""
 CONTEXT_COLORS = ("#eca5a4", "#8ecba3", "#b9b2ee", "#e1b080", "#74cbd0", "#dda6d0", "#bdc07f", "#8cc1ee")
