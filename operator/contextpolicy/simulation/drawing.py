@@ -84,7 +84,7 @@ def draw_lanes(panel: Any, contexts: Sequence[Span]) -> None:
         panel.broken_barh([(start, end - start)], (names.index(name) - 0.35, 0.7), facecolor=colors[name])
     panel.set_yticks(range(len(names)), names)
     panel.tick_params(axis="both", length=0)
-    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.set_ylim(max(len(names), 1) - 0.5, -0.5)
     panel.spines[:].set_visible(False)
     panel.grid(visible=False)
 
