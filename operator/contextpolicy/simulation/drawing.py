@@ -97,43 +97,48 @@ def _lines(panel: Any, weights: Series, until: float) -> None:
         panel.step(times, values, where="post", color=colors[task], linewidth=max(1.2, 2.8 - 0.4 * index))
     panel.set_ylabel("weight / sum of weights")
     panel.set_ylim(-0.03, 1.05)
-    _names(panel, {task: _last(steps, until) for task, steps in weights.items()}, max(SHORT, LINE * len(weights)))
+    ends = {task: _last(steps, until) for task, steps in weights.items()}
+    name_ends(panel, ends, colors, max(SHORT, LINE * len(weights)))
 
 
 def _stack(panel: Any, series: Series, until: float, label: str) -> None:
     times = _instants(series, until)
     rows = [[_at(steps, time) for time in times] for steps in series.values()]
+    own = task_colors(series)
     if not rows:
         panel.text(until / 2, 0.5, "no plan", ha="center", va="center")
     else:
-        own = task_colors(series)
         panel.stackplot(times, rows, colors=[own[task] for task in series], step="post", linewidth=0)
     panel.set_ylim(bottom=0)
     panel.locator_params(axis="y", nbins=5, steps=[1, 2, 5, 10])
     panel.set_ylabel(label)
     ends = accumulate((_last(steps, until) for steps in series.values()), initial=0.0)
     middles = [(low + high) / 2 for low, high in pairwise(ends)]
-    _names(panel, dict(zip(series, middles, strict=True)), max(TALL, LINE * len(series)))
+    name_ends(panel, dict(zip(series, middles, strict=True)), own, max(TALL, LINE * len(series)))
 
 
-def _names(panel: Any, places: Mapping[str, float], height: float) -> None:
-    """Each task's name beside the end of its line or area."""
-    colors, edge = task_colors(places), panel.get_yaxis_transform()
-    _, top = panel.get_ylim()
-    upwards = sorted(places, key=lambda task: places[task])
-    for task, place in zip(upwards, _spread([places[task] for task in upwards], top, top * LINE / height), strict=True):
-        panel.plot([1.015], [place], marker="s", markersize=5, color=colors[task], transform=edge, clip_on=False)
-        panel.text(1.03, place, task, fontsize=8, va="center", transform=edge)
+def name_ends(panel: Any, places: Mapping[str, float], colors: Mapping[str, str], height: float) -> None:
+    """Names beside the ends of lines or areas in a panel of so many inches, none over another."""
+    from matplotlib.transforms import offset_copy  # noqa: PLC0415 - an extra
+
+    to_panel = panel.transData - panel.transAxes
+    right = panel.get_xlim()[1]
+    ends = {name: float(to_panel.transform((right, place))[1]) for name, place in places.items()}
+    upwards = sorted(ends, key=lambda name: ends[name])
+    for name, y in zip(upwards, _spread([ends[name] for name in upwards], LINE / height), strict=True):
+        mark, text = (offset_copy(panel.transAxes, panel.figure, points, units="points") for points in (7, 13))
+        panel.plot([1], [y], marker="s", markersize=5, color=colors[name], transform=mark, clip_on=False)
+        panel.text(1, y, name, fontsize=8, va="center", transform=text)
 
 
-def _spread(places: Sequence[float], top: float, gap: float) -> list[float]:
-    """Ascending places in the same order, at least `gap` apart and half of it from 0 and from `top`."""
+def _spread(places: Sequence[float], gap: float) -> list[float]:
+    """Ascending places in the same order, at least `gap` apart and half of it from 0 and from 1."""
     up: list[float] = []
     for place in places:
         up.append(max(place, up[-1] + gap if up else gap / 2))
     down: list[float] = []
     for place in reversed(up):
-        down.append(min(place, down[-1] - gap if down else top - gap / 2))
+        down.append(min(place, down[-1] - gap if down else 1 - gap / 2))
     return down[::-1]
 
 
