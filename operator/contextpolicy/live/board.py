@@ -9,7 +9,7 @@ now         Unix seconds
 conditions  as in the status
 plan        the message of the decision bus (see `planning.plan_json`) for the plan in force; null before the first
 streams     by name: `key`, `age` (s; null before the first sample), `silent`, `staleAfter`, `samples` (how many came)
-contexts    by name: `active`, and `why`, a sentence
+contexts    by name: `active`, `color`, and `why`, a sentence
 why         by task: sentences
 colors      by task that has a share of its own: `#rrggbb` (see `explain.palette`)
 containers  each claimed one: `task`, `node`, `pod`, `container`, `cores` (planned), `limit` (in force; null unknown),
@@ -28,7 +28,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.explain.explanation import explain
-from contextpolicy.explain.palette import task_colors
+from contextpolicy.explain.palette import context_colors, task_colors
 from contextpolicy.explain.sentences import context_sentences, sentences
 
 if TYPE_CHECKING:
@@ -88,8 +88,12 @@ def _streams(planner: Planner, explanation: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _contexts(explanation: Mapping[str, Any]) -> dict[str, Any]:
-    sentences_by_context = zip(explanation["contexts"].items(), context_sentences(explanation), strict=True)
-    return {name: {"active": context["active"], "why": why} for (name, context), why in sentences_by_context}
+    found: Mapping[str, Any] = explanation["contexts"]
+    colors = context_colors(found)
+    return {
+        name: {"active": context["active"], "color": colors[name], "why": why}
+        for (name, context), why in zip(found.items(), context_sentences(explanation), strict=True)
+    }
 
 
 def _health(explanation: Mapping[str, Any]) -> dict[str, Any]:
