@@ -73,7 +73,9 @@ class Browser:
             assert time.monotonic() < deadline, f"never: {expression}\n{self.value('document.body.innerText')}"
             time.sleep(0.1)
 
-    def picture(self, path):
+    def picture(self, path, scheme="light"):
+        """Keep what a reader sees who prefers light or dark pages."""
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         answer = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)
         Path(path).write_bytes(base64.b64decode(answer["data"]))
 

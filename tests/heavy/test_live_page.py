@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import context_colors, task_colors
 from contextpolicy.live.page_server import PageServer
 from tests.heavy.browser import Browser
 from tests.heavy.live_robot import STORY, TASKS, Disturbed, a_robot, many, run
@@ -93,6 +93,7 @@ def test_it_shows_the_papers_figures_with_bands_of_contexts(desk):
     assert set(drawn(desk, "weights", "data-task")) == set(TASKS)
     assert set(drawn(desk, "shares", "data-task")) == set(TASKS)
     assert set(drawn(desk, "contexts", "data-context")) == {"moving", "dialogue"}
+    assert set(drawn(desk, "contexts", "fill")) - {"none"} == set(context_colors(["moving", "dialogue"]).values())
     assert text(desk, "headline").startswith("dialogue — ")
     assert text(desk, "state") == "live"
 

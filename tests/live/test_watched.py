@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import context_colors, task_colors
 from contextpolicy.policy.parsing import parse
 from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
@@ -24,6 +24,7 @@ def test_the_board_of_a_policy(operator):
     assert board["streams"]["imu"]["age"] == pytest.approx(5.0, abs=1.0)
     assert board["streams"]["imu"]["samples"] == 3
     assert board["contexts"]["moving"]["active"] is False
+    assert board["contexts"]["moving"]["color"] == context_colors(["moving"])["moving"]
     assert board["contexts"]["moving"]["why"].startswith("Context moving does not hold: ")
     assert board["why"]["slam"][0].startswith("slam gets 500m")
     assert [(one["task"], one["cores"], one["limit"], one["use"]) for one in board["containers"]] == [

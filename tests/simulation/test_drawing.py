@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import context_colors, task_colors
 from contextpolicy.simulation.drawing import draw_shares
 
 TASKS = [f"task-{index:02d}" for index in range(24)]
@@ -47,6 +47,22 @@ def test_a_task_has_its_own_colour_in_lines_and_areas(tmp_path):
     colors = task_colors(TASKS).values()
     assert len(set(colors)) == len(TASKS)
     assert all(f"stroke: {color}" in drawn and f"fill: {color}" in drawn for color in colors)
+
+
+def test_a_context_has_its_own_colour_whatever_its_place(tmp_path):
+    path = tmp_path / "x.svg"
+    draw_shares(FLAT, [("standing", 0, 1), ("moving", 1, 2)], path, until=3)
+    drawn = path.read_text(encoding="utf-8")
+    assert all(f"fill: {color}" in drawn for color in context_colors(["moving", "standing"]).values())
+
+
+def test_lines_and_areas_have_their_names_beside_their_ends(tmp_path):
+    """What changes only at the end is named where it is drawn."""
+    path = tmp_path / "x.svg"
+    weights = {"slam": [(0.0, 0.9), (3.0, 0.1)], "arm": [(0.0, 0.1), (3.0, 0.9)]}
+    draw_shares(weights, [], path, until=3, weights=weights)
+    assert [text for text in texts(path) if text in weights] == ["arm", "slam", "slam", "arm"]
+    assert "legend" not in path.read_text(encoding="utf-8")
 
 
 def test_a_picture_without_plans_says_so(tmp_path):

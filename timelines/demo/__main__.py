@@ -14,9 +14,8 @@ from rich.console import Console
 from rich.live import Live
 
 from contextpolicy.bus.view_tables import cores
-from contextpolicy.simulation.drawing import draw_shares
 from contextpolicy.streams.timeline import load
-from timelines.demo import bus, cgroup, deploy, verdict, view
+from timelines.demo import bus, cgroup, deploy, picture, verdict, view
 from timelines.demo.recorder import Recorder
 from timelines.demo.verdict import Conversion
 from timelines.replay.player import play
@@ -127,20 +126,10 @@ def _report(recording: Recording, started: float, conversion: Conversion, out: P
         console.print(f"median {stage}: {value:.1f} ms")
     for moment, task, before, after in verdict.patches(recording, started):
         console.print(f"{moment:6.2f} s  CPU limit of {task} patched in place: {cores(before)} to {cores(after)}")
-    _draw(recording, started, out / "shares.svg")
+    picture.draw(recording, deploy.TASKS, started, load(TIMELINE).duration, out / "shares.svg")
     (out / "recording.json").write_text(json.dumps(asdict(recording), indent=1))
     console.print(f"picture: {(out / 'shares.svg').relative_to(deploy.REPOSITORY)}")
     return verdict.mismatches(recording, CONTEXTS, conversion)
-
-
-def _draw(recording: Recording, started: float, path: Path) -> None:
-    duration = load(TIMELINE).duration
-    tasks = sorted(recording.limits)
-    plans = [(max(0.0, plan["trigger"] - started), plan["tasks"]) for plan in recording.plans]
-    shares = {t: [(moment, planned[t]["share"]) for moment, planned in plans] for t in tasks}
-    bands = [(name, start, min(end, duration)) for name, start, end in verdict.spans(recording, started)]
-    title = f"{deploy.POLICY.stem}: the part of contested CPU that each task gets"
-    draw_shares(shares, bands, path, until=duration, title=title)
 
 
 def _withdraw(original: dict[str, str]) -> list[str]:

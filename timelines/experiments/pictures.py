@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from contextpolicy.explain.task_colors import task_colors
-from contextpolicy.simulation.drawing import INK, STYLE, draw_shares
+from contextpolicy.explain.palette import task_colors
+from contextpolicy.simulation.drawing import INK, STYLE, draw_shares, name_ends
 from timelines.demo.deploy import TASKS
 from timelines.experiments import rates, tables
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX_GATED, STATIC_GATED, WEIGHTS_GATED
-from timelines.scenarios import mission
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -27,12 +26,11 @@ if TYPE_CHECKING:
     from timelines.experiments.evidence import Evidence
     from timelines.experiments.metrics import Run
 
-WIDTH, ROW, PANEL = 9.0, 0.62, 2.8
-"""Inches: a picture's width, the height of a configuration's bars, and of a panel of curves."""
-BAR = 0.2
-COMPARED = {LINUX_GATED.name: ":", STATIC_GATED.name: "--", WEIGHTS_GATED.name: "-"}
-"""The line of each configuration whose response times are drawn: configurations have no colours, tasks have."""
+WIDTH, ROW, PANEL = 9.0, 0.3, 2.4
+"""Inches: a picture's width, the heights of a configuration's row and of a panel of curves."""
 OTHERS = "#9aa3ad"
+COMPARED = {LINUX_GATED.name: (OTHERS, 1.0), STATIC_GATED.name: (INK, 1.0), WEIGHTS_GATED.name: (None, 2.0)}
+"""The colour and width of each configuration's response times; None is the task's colour."""
 
 
 def draw_factors(evidence: Evidence, load: str, path: Path) -> bool:
@@ -42,28 +40,26 @@ def draw_factors(evidence: Evidence, load: str, path: Path) -> bool:
     if not about:
         return False
     names = [CONFIGURATIONS[name].title for name in found]
-    title = f"Inputs of the critical task that were done in time, {load} load"
+    title = f"Inputs of each context's critical task that were done in time, {load} load"
     with _figure(ROW * len(names) + 1.3, title, path) as figure:
-        panel: Any = figure.subplots()
-        for place, (context, task) in enumerate(about.items()):
-            _bars(panel, list(found.values()), context, task, (place - (len(about) - 1) / 2) * BAR)
-        panel.set_yticks(range(len(names)), names)
-        panel.set_ylim(len(names) - 0.5, -0.5)
-        panel.set_xlim(0, 100)
-        panel.set_xlabel("% of what was due in the task's context; the line is the 95 % interval over blocks")
-        _plain(panel, "x")
-        figure.legend(loc="outside lower center", ncols=len(about), frameon=False)
+        panels: Any = figure.subplots(1, len(about), sharey=True, squeeze=False)[0]
+        for panel, (context, task) in zip(panels, about.items(), strict=True):
+            _dots(panel, list(found.values()), context, task)
+        panels[0].set_yticks(range(len(names)), names)
+        panels[0].set_ylim(len(names) - 0.5, -0.5)
+        figure.supxlabel("% of what was due in the context, mean and 95 % interval over blocks", fontsize=9, color=INK)
     return True
 
 
-def _bars(panel: Any, every: Sequence[Sequence[Run]], context: str, task: str, offset: float) -> None:
+def _dots(panel: Any, every: Sequence[Sequence[Run]], context: str, task: str) -> None:
     found = [(row, rates.critical(runs, context, task)) for row, runs in enumerate(every)]
-    shown = [(row + offset, one) for row, one in found if one]
-    places = [row for row, _ in shown]
-    means = [100 * one.mean for _, one in shown]
-    panel.barh(places, means, height=BAR, color=_color(task), label=f"{context}: {task}")
-    low, high = [100 * one.low for _, one in shown], [100 * one.high for _, one in shown]
-    panel.hlines(places, low, high, color=INK, linewidth=1)
+    shown = [(row, one) for row, one in found if one]
+    rows = [row for row, _ in shown]
+    panel.hlines(rows, [100 * one.low for _, one in shown], [100 * one.high for _, one in shown], color=INK)
+    panel.plot([100 * one.mean for _, one in shown], rows, "o", color=_color(task), markersize=6)
+    panel.set_xlim(-3, 103)
+    panel.set_title(f"{context}: {task}", fontsize=9)
+    _plain(panel, "both")
 
 
 def draw_responses(evidence: Evidence, load: str, path: Path) -> bool:
@@ -72,32 +68,44 @@ def draw_responses(evidence: Evidence, load: str, path: Path) -> bool:
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     if not about:
         return False
-    with _figure(PANEL + 1.1, f"Response times of each context's critical task, {load} load", path) as figure:
-        panels: Any = figure.subplots(1, len(about), sharey=True, squeeze=False)[0]
-        for panel, (context, task) in zip(panels, about.items(), strict=True):
+    rows = (len(about) + 1) // 2
+    title = f"Response times of each context's critical task, {load} load"
+    with _figure(PANEL * rows + 0.6, title, path) as figure:
+        panels: Any = figure.subplots(rows, 2, sharey=True, squeeze=False)
+        for panel, (context, task) in zip(panels.flat, about.items(), strict=False):
             _curves(panel, found, context, task)
-        panels[0].set_ylabel("% of what was due")
-        panels[0].set_ylim(0, 101)
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(found), frameon=False)
+        for panel in panels.flat[len(about) :]:
+            panel.remove()
+        for panel in panels[:, 0]:
+            panel.set_ylabel("% of what was due")
     return True
 
 
 def _curves(panel: Any, found: Mapping[str, Sequence[Run]], context: str, task: str) -> None:
-    deadline = next(iter(found.values()))[0].schedule.deadlines.get(task)
-    for name, runs in found.items():
-        times, due = rates.responses(runs, context, task)
-        if times:
-            heights = [100 * (number + 1) / due for number in range(len(times))]
-            label, color = CONFIGURATIONS[name].title, _color(task) if COMPARED[name] == "-" else OTHERS
-            panel.step([1000 * one for one in times], heights, COMPARED[name], where="post", label=label, color=color)
-    if deadline:
-        panel.axvline(1000 * deadline, color=INK, linewidth=0.8)
-        panel.annotate("deadline", (1000 * deadline, 3), xytext=(3, 0), textcoords="offset points", fontsize=7)
+    measured = {name: rates.responses(runs, context, task) for name, runs in found.items()}
+    last = max((times[-1] for times, _ in measured.values() if times), default=1.0)
+    ends, colors = {}, {}
+    for name, (times, due) in measured.items():
+        heights = [100 * (number + 1) / due for number in range(len(times))]
+        title, (color, width) = CONFIGURATIONS[name].title, COMPARED[name]
+        ends[title], colors[title] = heights[-1] if heights else 0.0, color or _color(task)
+        steps = [1000 * one for one in (*times, last)], [*heights, ends[title]]
+        panel.step(*steps, where="post", color=colors[title], linewidth=width)
     panel.set_xscale("log")
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.set_ylim(0, 102)
     panel.set_title(f"{context}: {task}", fontsize=9)
-    panel.set_xlabel("ms")
-    _plain(panel, "both")
+    _deadline(panel, next(iter(found.values()))[0].schedule.deadlines.get(task))
+    _plain(panel, "y")
+    name_ends(panel, ends, colors, PANEL)
+
+
+def _deadline(panel: Any, seconds: float | None) -> None:
+    panel.set_xlabel("response time (ms)")
+    if seconds:
+        panel.axvline(1000 * seconds, color=INK, linewidth=0.8)
+        words, place = f"deadline {1000 * seconds:g} ms", (1000 * seconds, 3)
+        panel.annotate(words, place, (3, 0), textcoords="offset points", fontsize=7)
 
 
 def draw_speedups(evidence: Evidence, path: Path) -> bool:
@@ -110,6 +118,9 @@ def draw_speedups(evidence: Evidence, path: Path) -> bool:
         for row, (_, _, one) in enumerate(rows):
             panel.barh(row, one.mean, height=0.6, color=OTHERS)
             panel.hlines(row, one.low, one.high, color=INK, linewidth=1)
+            panel.annotate(
+                f"{one.mean:.2f}", (one.high, row), (4, 0), textcoords="offset points", va="center", fontsize=8
+            )
         panel.axvline(1, color=INK, linewidth=0.8)
         panel.set_yticks(range(len(rows)), [f"{story}, {title}" for story, title, _ in rows])
         panel.set_ylim(len(rows) - 0.5, -0.5)
@@ -136,7 +147,7 @@ def draw_use(run: Run, path: Path) -> None:
         if task in run.schedule.inputs
     }
     title = f"{CONFIGURATIONS[run.record.configuration].title}, {run.record.story}: CPU used over time"
-    draw_shares(used, _lanes(run), path, until=run.schedule.duration, unit="cores used", title=title)
+    draw_shares(used, _lanes(run), path, until=run.schedule.duration, label="CPU used (cores)", title=title)
 
 
 def _part(tasks: Mapping[str, Sequence[float]], task: str) -> float:
@@ -145,9 +156,8 @@ def _part(tasks: Mapping[str, Sequence[float]], task: str) -> float:
 
 
 def _lanes(run: Run) -> list[tuple[str, float, float]]:
-    """The contexts by the timeline. All kinds come first, empty, so that each has its own colour in every picture."""
-    shown = [(name, one.begin, one.end) for one in run.schedule.windows for name in one.contexts]
-    return [*((kind, 0.0, 0.0) for kind in mission.KINDS), *shown]
+    """The contexts by the timeline, in the same order in every picture."""
+    return sorted((name, one.begin, one.end) for one in run.schedule.windows for name in one.contexts)
 
 
 def _color(task: str) -> str:

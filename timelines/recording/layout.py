@@ -16,7 +16,7 @@ from foxglove import layouts
 
 from contextpolicy.bus.decision_bus import plan_key
 from contextpolicy.errors import ContextPolicyError
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import task_colors
 from contextpolicy.policy.validation.policy_file import load_policy
 
 if TYPE_CHECKING:

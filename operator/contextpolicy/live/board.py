@@ -9,9 +9,9 @@ now         Unix seconds
 conditions  as in the status
 plan        the message of the decision bus (see `planning.plan_json`) for the plan in force; null before the first
 streams     by name: `key`, `age` (s; null before the first sample), `silent`, `staleAfter`, `samples` (how many came)
-contexts    by name: `active`, and `why`, a sentence
+contexts    by name: `active`, `color`, and `why`, a sentence
 why         by task: sentences
-colors      by task that has a share of its own: `#rrggbb` (see `explain.task_colors`)
+colors      by task that has a share of its own: `#rrggbb` (see `explain.palette`)
 containers  each claimed one: `task`, `node`, `pod`, `container`, `cores` (planned), `limit` (in force; null unknown),
             `use` (cores) and `throttled` (part of its periods), null where no agent measures them
 health      by task, what its module says once a second, where the policy reads it: `misses` (part of its inputs),
@@ -28,8 +28,8 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.explain.explanation import explain
+from contextpolicy.explain.palette import context_colors, task_colors
 from contextpolicy.explain.sentences import context_sentences, sentences
-from contextpolicy.explain.task_colors import task_colors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -88,8 +88,12 @@ def _streams(planner: Planner, explanation: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _contexts(explanation: Mapping[str, Any]) -> dict[str, Any]:
-    sentences_by_context = zip(explanation["contexts"].items(), context_sentences(explanation), strict=True)
-    return {name: {"active": context["active"], "why": why} for (name, context), why in sentences_by_context}
+    found: Mapping[str, Any] = explanation["contexts"]
+    colors = context_colors(found)
+    return {
+        name: {"active": context["active"], "color": colors[name], "why": why}
+        for (name, context), why in zip(found.items(), context_sentences(explanation), strict=True)
+    }
 
 
 def _health(explanation: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 // The figures: contexts as lanes, weights as lines, shares as a stack, over one stretch of time.
 const LEFT = 44; // pixels beside the figures, for their axes
 const LINE = 13; // pixels from one label to the next
+const GRAY = "#808a94"; // what the policy no longer has
 const figures = {}; // by id: what was drawn last, for the pointer
 
 function element(name, attributes, text) {
@@ -91,7 +92,7 @@ function drawContexts(all) {
     for (const { plan, from, to } of all.plans) {
       if (plan.contexts.includes(name)) {
         f.svg.append(element("rect", { "data-context": name, x: f.x(from), y: i * lane + 4, height: lane - 5,
-          width: Math.max(1, f.x(to) - f.x(from)) }));
+          width: Math.max(1, f.x(to) - f.x(from)), fill: all.board.contexts[name]?.color || GRAY }));
       }
     }
   });
@@ -103,7 +104,7 @@ function drawContexts(all) {
   finish(f);
 }
 
-const color = (all, task) => all.colors[task] || "#808a94";
+const color = (all, task) => all.colors[task] || GRAY;
 const part = (one, task) => (one.own.has(task) && one.sum ? one.plan.tasks[task].weight / one.sum : null);
 const share = (one, task) => (one.own.has(task) ? one.plan.tasks[task].share : 0);
 const tall = (all, least) => Math.max(least, all.tasks.length * LINE + 30);

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import task_colors
 from contextpolicy.simulation.drawing import INK, STYLE
 from tests.bench.enforcement.divisions import CONTEXTUAL, STATIC
 from tests.bench.enforcement.inputs import Queue

@@ -1,10 +1,15 @@
 """The picture shows what was measured, and no more."""
 
+import json
+import re
+from pathlib import Path
+
 import pytest
 
 from tests.bench.growth.curves import draw
 from tests.bench.growth.sweeps import SWEEPS
 
+PUBLISHED = Path(__file__).parents[3] / "docs" / "measurements"
 NODE = [{"limits": 8, "all_ms": 207.0}]
 
 
@@ -28,6 +33,25 @@ def test_the_same_figures_give_the_same_picture(tmp_path):
 def test_a_real_node_is_drawn_where_one_was_measured(tmp_path, node, expected):
     draw(a_result(*SWEEPS, node=node), tmp_path / "all.svg")
     assert ("on a real node" in (tmp_path / "all.svg").read_text()) is expected
+
+
+def test_lines_are_whole_and_have_their_names_beside_them(tmp_path):
+    draw(a_result(*SWEEPS, node=NODE), tmp_path / "all.svg")
+    text = (tmp_path / "all.svg").read_text()
+    assert "dasharray" not in text
+    assert "legend" not in text
+    assert text.count(">last PATCH accepted<") == len(SWEEPS)
+
+
+def test_the_published_figures_can_be_drawn_again(tmp_path):
+    draw(json.loads((PUBLISHED / "growth.json").read_text()), tmp_path / "growth.svg")
+    drawn, published = (words(folder / "growth.svg") for folder in (tmp_path, PUBLISHED))
+    assert drawn == published
+
+
+def words(picture):
+    """Its text: places may differ among versions of the library that draws."""
+    return re.findall(r">([^<>]+)</text>", picture.read_text())
 
 
 def test_sweeps_that_were_not_measured_have_no_column(tmp_path):

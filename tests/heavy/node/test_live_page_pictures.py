@@ -1,6 +1,6 @@
-"""The documents' picture of the live page: a robot with agents on the node, seen through kubectl's port-forward.
+"""The documents' pictures of the live page, light and dark: a robot with agents on the node, through a port-forward.
 
-`PICTURES=1` keeps it. A virtual clock would show reactions of 0 ms, and nothing that a kubelet or an agent measures.
+`PICTURES=1` keeps them. A virtual clock would show reactions of 0 ms, and nothing that a kubelet or an agent measures.
 """
 
 from __future__ import annotations
@@ -118,4 +118,5 @@ def test_a_real_robot(browser, page):
     assert browser.value("document.getElementById('problem').textContent") == ""
     assert browser.errors == []
     if os.environ.get("PICTURES"):
-        browser.picture(REPOSITORY / "operator" / "live-page.png")
+        for scheme, name in (("light", "live-page.png"), ("dark", "live-page-dark.png")):
+            browser.picture(REPOSITORY / "operator" / name, scheme)

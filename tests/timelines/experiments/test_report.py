@@ -52,6 +52,13 @@ def test_pictures_are_there_and_the_same_data_gives_the_same_ones(out, text, tmp
         assert (out / "figures" / name).read_bytes() == (tmp_path / "figures" / name).read_bytes()
 
 
+def test_pictures_have_whole_lines_with_their_names_beside_them(out):
+    drawn = {path.name: path.read_text(encoding="utf-8") for path in (out / "figures").iterdir()}
+    assert [name for name, text in drawn.items() if "dasharray" in text or "legend" in text] == []
+    assert ">context weights, gated</text>" in drawn["responses.svg"]
+    assert ">drive: slam</text>" in drawn["factors-heavy.svg"]
+
+
 def test_a_quick_look_says_that_nothing_was_calibrated(tmp_path):
     path = write_report(evidence(a_run("linux")), tmp_path)
     assert "a quick look" in path.read_text(encoding="utf-8")

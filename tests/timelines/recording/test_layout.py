@@ -12,7 +12,7 @@ import foxglove
 from mcap.reader import make_reader
 
 from contextpolicy.bus.decision_bus import plan_key
-from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.explain.palette import task_colors
 from contextpolicy.planning.plan_json import plan_json
 from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.simulation.robot import NODE, Robot
