@@ -109,7 +109,7 @@ def test_missing_ed25519_key_is_an_error(tmp_path):
     elliptic = Authority(tmp_path).issue("operator")
     for directory in (tmp_path / "nothing", elliptic):
         for side in (Signer, Verifier):
-            with pytest.raises(SigningKeyError, match=r"tls\.(key|crt): no Ed25519 key"):
+            with pytest.raises(SigningKeyError, match=r"tls\.(key|crt): expected an Ed25519 key"):
                 side(directory)
 
 

@@ -319,8 +319,8 @@ def test_unprovable_originals_keep_the_policy_and_the_key(restore: Any) -> None:
     assert code == 1
     assert out.splitlines() == [
         (
-            "lab/slam/slam: NOT restored: lab/slam/slam: status.originals says request 100m, limit 50m, not signed by "
-            "the operator; no owner of the pod states its original, so it keeps request 100m, limit 990m, "
+            "lab/slam/slam: NOT restored: lab/slam/slam: status.originals has request 100m, limit 50m, not signed by "
+            "the operator; no owner of the pod states its original CPU, so it keeps request 100m, limit 990m, "
             "and the entry stays; replace the pod"
         ),
         "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
@@ -352,7 +352,7 @@ def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore
             [
                 (
                     "lab/slam/slam: NOT restored: lab/slam/slam: status.originals no longer has an entry; "
-                    "no owner of the pod states its original, so it keeps request 100m, limit 990m"
+                    "no owner of the pod states its original CPU, so it keeps request 100m, limit 990m"
                 ),
                 "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
             ],

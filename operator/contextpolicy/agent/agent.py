@@ -253,7 +253,7 @@ class Agent:
         What we wrote for the plan before would only be defended against them.
         """
         if self._admission.is_overtaken(policy, refused.stamp if refused else None, signed):
-            log.warning("%s: a newer plan was refused; undoing the one before", policy)
+            log.warning("%s: a newer plan was refused; undoing the previous one", policy)
             self._release(policy, leave_agreed=policy in self._sources)
 
     def _release(self, policy: str, *, leave_agreed: bool = False) -> None:

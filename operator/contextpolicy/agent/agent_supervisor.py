@@ -101,7 +101,7 @@ class AgentSupervisor:
         """The agent is asked to end too, and undoes its changes: undo what it could not, at once."""
         self._follow()
         if self._next(_Event.DEAD, within=self._patience) is None:
-            log.warning("the agent is still alive after %g s: leaving its changes to itself", self._patience)
+            log.warning("the agent is still running after %g s: leaving it to undo its own changes", self._patience)
             return True
         left = self._state.anything_left
         self._state.release()

@@ -21,4 +21,4 @@ class Refusals:
         self.counts[reason] += 1
         REFUSALS.labels(reason).inc()
         if self.counts[reason] == 1:
-            log.warning("%s: %s (more of these are only counted)", reason, message)
+            log.warning("%s: %s (further ones with this reason are only counted)", reason, message)

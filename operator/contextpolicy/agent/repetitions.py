@@ -34,7 +34,7 @@ class Repetitions:
             again = attachment in self._heard
             self._heard.setdefault(attachment, now)
         if again:
-            raise OrderError("Repeated", f"{key}: a message received before; the operator signs each message only once")
+            raise OrderError("Repeated", f"{key}: duplicate message: the operator signs each message only once")
 
     def _forget(self, before: float) -> None:
         """The oldest are first."""

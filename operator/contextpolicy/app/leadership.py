@@ -118,7 +118,7 @@ class Leadership:
         if claim.refused:
             reason = f"namespace {namespace} can't be served: {claim.refused}"
         elif claim.holder not in ("", self._release):
-            reason = f"namespace {namespace} is served by {claim.holder}: leaving it alone until that release ends"
+            reason = f"namespace {namespace} is served by {claim.holder}: leaving it alone until that release stops"
         if reason != self._reported.get(namespace, ""):
             self._reported[namespace] = reason
             if reason:

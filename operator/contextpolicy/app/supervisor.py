@@ -129,7 +129,7 @@ class Supervisor:
         if not self.operator.has_router:
             problems.append("no Zenoh router answers")
         if not (self._leadership.leads or self._leadership.follows):
-            problems.append("this replica does not hold the Lease, and none was seen renewing it")
+            problems.append("this replica does not hold the Lease and has seen no other renew it")
         return [*problems, *self.hung()]
 
     def on_lease(self) -> None:

@@ -194,7 +194,7 @@ class Operator:
         try:
             seen = view(pod)
         except ValueError as error:
-            log.warning("a pod can't be read: %s: %.200r", error, pod)
+            log.warning("ignoring a pod that can't be parsed: %s: %.200r", error, pod)
             return
         self._vetting.observe(seen)
         on_loop(self._loop, lambda: self._take_pod(seen))

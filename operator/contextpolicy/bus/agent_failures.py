@@ -73,7 +73,8 @@ class AgentFailures:
     def _log(self, changed: list[tuple[str, str]]) -> None:
         for node, policy in changed[:MOST_LINES]:
             reasons = sorted(set(self._failed.get((node, policy), {}).values()))
-            named = ", ".join(reasons[:MOST_REASONS]) or "none any more"
-            log.warning("node %s: containers of %s that its agent could not set: %s", node, policy, named)
+            failures = f"can't set containers: {', '.join(reasons[:MOST_REASONS])}"
+            state = failures if reasons else "sets all containers again"
+            log.warning("node %s, policy %s: the agent %s", node, policy, state)
         if len(changed) > MOST_LINES:
-            log.warning("and %d more of these", len(changed) - MOST_LINES)
+            log.warning("and %d more nodes and policies", len(changed) - MOST_LINES)

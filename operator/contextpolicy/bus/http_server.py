@@ -79,7 +79,7 @@ class HttpServer(DualStack, ThreadingHTTPServer):
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - the base class's signature
         """A client that hangs up is not logged."""
         error = sys.exception()
-        log.log(logging.DEBUG if isinstance(error, OSError) else logging.ERROR, "a request failed", exc_info=error)
+        log.log(logging.DEBUG if isinstance(error, OSError) else logging.ERROR, "HTTP request failed", exc_info=error)
 
 
 class HttpHandler(BaseHTTPRequestHandler):

@@ -89,5 +89,5 @@ class FencedApi:
 
     def _check(self, namespace: str) -> None:
         if not self._fence.may_act(namespace):
-            message = f"namespace {namespace} is not ours to act on: no valid Lease"
+            message = f"namespace {namespace}: this operator holds no valid Lease"
             raise ActuationError("NotLeading", message, retriable=True)

@@ -97,7 +97,7 @@ class LeaseKeeper:
         if self._watch is not None:
             self._watch.check()
         if not self._thread.is_alive():
-            raise RuntimeError(f"the Lease {self._name} is not kept any more")
+            raise RuntimeError(f"Lease {self._name} is no longer renewed")
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         """The watched Lease has changed."""
@@ -169,7 +169,7 @@ class LeaseKeeper:
         """The namespace is being deleted, and its Lease is gone."""
         with self._news:
             if candidacy.other:
-                candidacy.fail(clock(), f"it is being deleted, and {candidacy.other} serves it until it is gone")
+                candidacy.fail(clock(), f"it is being deleted, and {candidacy.other} serves it until then")
             else:
                 self.interruptions += candidacy.succeed(wanted, sent, clock())
 

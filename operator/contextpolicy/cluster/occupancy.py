@@ -73,7 +73,9 @@ class Occupancy:
         """
         first, now = self._first.get(namespace), self._look(namespace)
         if first is None:
-            raise ActuationError("NotSettled", f"the Lease of {namespace} could not be read at first", retriable=True)
+            raise ActuationError(
+                "NotSettled", f"the Lease of namespace {namespace} could not be read at the start", retriable=True
+            )
         if now.holder == self._release and self._release:
             now = self._renewed(namespace, now)
         if now.holder in ("", self._release):

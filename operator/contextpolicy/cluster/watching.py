@@ -89,7 +89,7 @@ class ObjectWatch:
     def check(self) -> None:
         """RuntimeError when the thread has ended."""
         if not self._thread.is_alive():
-            raise RuntimeError(f"{self._path} is not watched any more")
+            raise RuntimeError(f"{self._path} is no longer watched")
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -148,7 +148,7 @@ class ObjectWatch:
         if self._stop.is_set():
             return
         if self._failures == 0:
-            log.warning("%s can't be watched, retrying: %s", self._path, error)
+            log.warning("%s: watch failed, retrying: %s", self._path, error)
         if isinstance(error, ActuationError) and error.reason == "Forbidden":
             self._note_refusal(str(error))
         self._stop.wait(PAUSES[min(self._failures, len(PAUSES) - 1)])

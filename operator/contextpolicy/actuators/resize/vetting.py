@@ -203,11 +203,11 @@ def _found(container: ContainerView, template: Cpu | None) -> Cpu:
 
 def _text(pod: PodView, container: ContainerView, entry: StoredPod | None, found: Cpu, *, settled: bool) -> str:
     said = entry.containers.get(container.name) if entry else None
-    stored = f"says {_amounts(said)}, {_signed_by(entry)}" if said else "no longer has an entry"
+    stored = f"has {_amounts(said)}, {_signed_by(entry)}" if said else "no longer has an entry"
     if settled and pod.owner is not None:
-        rest = f"{pod.owner.kind} {pod.owner.name} says {_amounts(found)}, which counts"
+        rest = f"using {_amounts(found)} from {pod.owner.kind} {pod.owner.name}"
     else:
-        rest = f"no owner of the pod states its original, so it keeps {_amounts(found)}"
+        rest = f"no owner of the pod states its original CPU, so it keeps {_amounts(found)}"
         if entry:
             rest += f", and the entry stays; {WAY_OUT_OF_SIGNED if entry.signature else WAY_OUT}"
     return f"{container_id(pod, container.name)}: status.originals {stored}; {rest}"
