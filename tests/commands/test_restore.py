@@ -156,7 +156,7 @@ def test_decreases_are_restored_first(restore: Any) -> None:
 
 def test_original_left_by_an_interrupted_restore_is_only_removed(restore: Any) -> None:
     server = Server(a_pod(), policies=[policy(originals=before("slam"))])
-    assert restore(server) == (0, "lab/slam/slam: already as it was\n")
+    assert restore(server) == (0, "lab/slam/slam: already restored\n")
     assert [call for call, *_ in server.cluster.calls] == ["store"]
 
 
@@ -421,7 +421,7 @@ def test_entries_of_a_policy_without_finalizer_are_removed(restore: Any) -> None
     released["metadata"]["finalizers"] = []
     server = Server(by_us(), policies=[released])
     server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
-    assert restore(server, "--remove-finalizers", RELEASE) == (0, "lab/slam/slam: already as it was\n")
+    assert restore(server, "--remove-finalizers", RELEASE) == (0, "lab/slam/slam: already restored\n")
     assert (server.cluster.policies, server.secrets) == ({"lab/robot": {}}, {})
 
 

@@ -208,7 +208,7 @@ def test_an_invalid_pod_is_left_alone(running, caplog):
     running.operator.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
     running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
-    assert any("can't be read" in message and "'odd'" in message for message in caplog.messages)
+    assert any("can't be parsed" in message and "'odd'" in message for message in caplog.messages)
 
 
 def test_from_weights_back_to_limits(running):

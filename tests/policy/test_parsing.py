@@ -66,7 +66,7 @@ def test_ros_fields_are_refused_on_other_streams():
     assert findings["spec.streams[0].types"][0] == "Robot Types"
     assert findings["spec.streams[1].ros"] == (
         "jazzy",
-        "encoding cdr with it, as other encodings have no message types",
+        "encoding cdr, as other encodings have no message types",
     )
 
 

@@ -32,8 +32,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         parser = subparsers.add_parser(
             command,
             help=text,
-            description=f"Set the {whose.lower()}'s mode to {mode}: {text}. Under GitOps set spec.mode in "
-            "Git instead, which would undo this.",
+            description=f"Set the {whose.lower()}'s mode to {mode}: {text}. Under GitOps, set spec.mode in "
+            "Git instead: a sync would undo this command.",
         )
         parser.add_argument("policy", metavar=whose, help=f"[NAMESPACE/]NAME of the {whose.lower()}")
         add_namespace(parser)
@@ -48,10 +48,12 @@ def main(arguments: argparse.Namespace) -> int:
         if arguments.command == "promote":
             shadow.of(body)
         elif arguments.command == "resume" and "shadow" in body["spec"]:
-            raise ClusterAccessError(f"{namespace}/{name} is a shadow: `promote` carries it out")
+            raise ClusterAccessError(f"{namespace}/{name} is a shadow: use `promote` to carry it out")
         service = api.service(namespace)
         before = body["spec"].get("mode", "Enforce")
         if before != arguments.mode:
             api.change_policy(namespace, name, {"mode": arguments.mode})
-    print(f"{namespace}/{name}: {before} -> {arguments.mode}" if before != arguments.mode else f"{name}: is {before}")
+    print(
+        f"{namespace}/{name}: {before} -> {arguments.mode}" if before != arguments.mode else f"{name}: already {before}"
+    )
     return OK if carried_out(service, namespace) else NO

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
             """Delete a Secret."""
 
 
-NEEDED = "hold originals that it signed, in namespaces that another release serves"
+NEEDED = "hold originals signed with it, in namespaces that another release serves"
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -46,15 +46,15 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--remove-finalizers",
         action="store_true",
-        help="then remove the policies' finalizers, which an absent operator can't, so that they can be deleted",
+        help="then remove the policies' finalizers, so that they can be deleted without an operator",
     )
     parser.add_argument(
         "--release",
         metavar="NS/NAME",
         default="",
-        help="act for this release alone: leave namespaces alone whose Lease names another, also if that one is down; "
-        "by default those whose Lease is renewed within its duration (60 s). "
-        "Believe only originals that its operator signed",
+        help="act for this release alone: skip namespaces whose Lease names another release, even one that is down "
+        "(default: skip those whose Lease is renewed within its duration, 60 s), and trust only originals that this "
+        "release's operator signed",
     )
     parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
     add_cluster(parser)
@@ -153,7 +153,7 @@ def _key(api: CommandApi, release: str) -> bytes | None:
         print(f"originals are not checked: {error}", file=sys.stderr)
         return None
     if key is None:
-        print(f"originals are not checked: {release} has made no key", file=sys.stderr)
+        print(f"originals are not checked: {release} has no key", file=sys.stderr)
     return key
 
 
@@ -171,12 +171,12 @@ def _finish(
             own = Signatures(key)
             needed = sorted(policy for where in namespaces for policy in in_need(api, where, left, own))
             if needed:
-                print(f"Secret {'/'.join(secret_of(release))} stays: {', '.join(needed)} {NEEDED}", file=sys.stderr)
+                print(f"Secret {'/'.join(secret_of(release))} is kept: {', '.join(needed)} {NEEDED}", file=sys.stderr)
             else:
                 api.delete_secret(*secret_of(release))
         occupancy.give_back()
     except ActuationError as error:
-        print(f"not all of {release} could be removed: {error}", file=sys.stderr)
+        print(f"{release} could not be removed completely: {error}", file=sys.stderr)
 
 
 def _print(
@@ -210,7 +210,7 @@ def _deed(container: Restored) -> str:
     if container.error:
         return f"NOT restored: {container.error}"
     changes = [f"{kind} {old} -> {new}" for kind, old, new in _differences(container.moved, container.original)]
-    return ", ".join(changes) or "already as it was"
+    return ", ".join(changes) or "already restored"
 
 
 def _differences(moved: Cpu | None, original: Cpu | None) -> Iterator[tuple[str, str, str]]:

@@ -30,7 +30,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "status",
         help="show what policies decide and whether it is in force",
         description="Show each policy's contexts, shares and conditions, with what to do about a condition that is "
-        "False. Where no operator serves a namespace, its policies' last state is shown as such, and is not Ready.",
+        "False. Where no operator serves a namespace, show its policies' last state, marked as such and not Ready.",
     )
     parser.add_argument("policy", metavar="POLICY", nargs="?", help="[NAMESPACE/]NAME (default: all of the namespace)")
     add_namespace(parser, or_all=True)
@@ -41,7 +41,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def main(arguments: argparse.Namespace) -> int:
     """Read and print."""
     if arguments.policy and arguments.all_namespaces:
-        raise ClusterAccessError(f"invalid value {arguments.policy!r}: expected no name beside --all-namespaces")
+        raise ClusterAccessError(f"invalid value {arguments.policy!r}: expected no name with --all-namespaces")
     where = None if arguments.all_namespaces else namespace_of(arguments)
     with api_server(arguments) as api, waiting("asking the API server"):
         found = [policy_object(api, *reference_of(arguments))] if arguments.policy else policies(api, where)
@@ -104,7 +104,7 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
     if summary["shadowOf"]:
         yield from _line(f"shadow of {summary['shadowOf']}, would change: {summary['difference'] or 'nothing now'}")
     if summary["promotedShadow"]:
-        yield from _line(f"carried out as its shadow {summary['promotedShadow']} says")
+        yield from _line(f"its promoted shadow {summary['promotedShadow']} is carried out in its place")
     if summary["plan"]:
         plan = summary["plan"]
         yield from _line(f"plan {plan['sequence']} since {plan['time']}: {plan['cause']}")

@@ -49,10 +49,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         type=connect,
         metavar="ENDPOINTS",
         default=os.environ.get("ZENOH_CONNECT") or None,
-        help="the router, tcp/HOST:7447 (default: ZENOH_CONNECT, else through the cluster, with kubectl)",
+        help="routers such as tcp/HOST:7447 (default: ZENOH_CONNECT, else through the cluster, with kubectl)",
     )
     add_credentials(parser)
-    parser.add_argument("--once", action="store_true", help="show the plans in force and end")
+    parser.add_argument("--once", action="store_true", help="show the plans in force, and exit")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("-n", "--namespace", metavar="NS", help="policies of this namespace only")
     where.add_argument("-A", "--all-namespaces", action="store_true", help="policies of every namespace (default)")
@@ -140,7 +140,7 @@ def _show_once(arguments: argparse.Namespace, session: zenoh.Session, view: BusV
     for key, payload in _answers(session, *_keys(arguments, "plan")):
         view.take(key, payload)
     if not view.policies:
-        raise NoAnswerError(f"no plans at {arguments.connect}: is the operator running, and is there a policy?")
+        raise NoAnswerError(f"no plans at {arguments.connect}: check that the operator is running and has a policy")
     _ask_boards(session, view, *_keys(arguments, "board"))
     _print(arguments, view)
 
