@@ -64,7 +64,7 @@ def metadata(path: Path) -> dict[str, str]:
         entries = [dict(_fields(value)) for number, value in _fields(content) if number == _METADATA]
         return {bytes(entry[1]).decode(): bytes(entry[2]).decode() for entry in entries}
     except (IndexError, KeyError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path} does not say which characters it knows: {error!r}") from error
+        raise ConfigurationError(f"{path} does not list the characters that it reads: {error!r}") from error
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:

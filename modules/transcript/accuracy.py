@@ -80,7 +80,7 @@ def recorded(paths: Iterable[Path]) -> Iterator[tuple[Samples, str]]:
         try:
             text = path.with_suffix(".txt").read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise RecordingError(f"{path}: what is said is not known: {error}") from error
+            raise RecordingError(f"{path}: the spoken text can't be read: {error}") from error
         yield load(path), text
 
 

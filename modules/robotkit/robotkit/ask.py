@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     if answer is None:
-        sys.stderr.write(f"{key}: no answer within {PATIENCE_S:g} s: is the module running?\n")
+        sys.stderr.write(f"{key}: no answer within {PATIENCE_S:g} s: check that the module is running\n")
         return 1
     sys.stdout.write(json.dumps(json.loads(answer), indent=2) + "\n")
     return 0

@@ -106,7 +106,7 @@ class Sidecar:
         self._observed.answered(header_stamp(sample.payload.to_bytes()), time.time_ns())
         if not self._observed.matched and self._observed.strange == STRANGE:
             _LOG.warning(
-                "none of %d messages on %s has the header's stamp of an input: expected answers that do",
+                "none of %d messages on %s has the same header stamp as an input: expected answers that copy it",
                 STRANGE,
                 sample.key_expr,
             )
@@ -133,7 +133,7 @@ def load(path: Path, environment: Mapping[str, str]) -> Module:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Overhear until SIGTERM or SIGINT; a bad configuration is one line and exit code 2."""
     parser = argparse.ArgumentParser(prog="python -m robotkit.sidecar", description=__doc__)
-    parser.add_argument("module_yaml", type=Path, help="what the node takes, gives and needs")
+    parser.add_argument("module_yaml", type=Path, help="the node's inputs, outputs and needs")
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s sidecar: %(message)s")
     try:
@@ -154,7 +154,7 @@ def _run(module: Module, environment: Mapping[str, str]) -> None:
         with Sidecar(session, module, task, cpu, answers_all=answers_all) as sidecar:
             plans = environment.get("PLAN_KEY", PLAN_KEY)
             listener = PlanListener(session, task, sidecar.decide, _ending(stop), key=plans)
-            _LOG.info("watches over task %s", task)
+            _LOG.info("watching task %s", task)
             stop.wait()
             listener.close()
 

@@ -26,7 +26,7 @@ def test_an_age_counts_from_publication_not_from_arrival():
 
 
 def test_a_sample_that_waited_too_long_is_refused_with_its_age():
-    with pytest.raises(MessageError, match=r"scan: published 5\.0 s ago, at most 0\.6 s is allowed: it waited"):
+    with pytest.raises(MessageError, match=r"scan: published 5\.0 s ago, more than 0\.6 s: it was delayed"):
         age(StampCheck("scan"), stamp=-5, received=0)
 
 
@@ -35,7 +35,7 @@ def test_a_clock_that_is_hardly_ahead_is_believed():
 
 
 def test_a_clock_that_is_ahead_is_reported():
-    with pytest.raises(MessageError, match=r"scan: the clock of its source is 5\.0 s ahead .* synchronise them"):
+    with pytest.raises(MessageError, match=r"scan: its source's clock is 5\.0 s ahead .* synchronise the clocks"):
         age(StampCheck("scan"), stamp=5, received=0)
 
 
