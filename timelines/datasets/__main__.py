@@ -24,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     unknown = sorted(set(options.names) - known.keys())
     if unknown:
-        parser.error(f"no recording is called {', '.join(unknown)}; there are {', '.join(known)}")
+        parser.error(f"unknown recording {', '.join(unknown)}: expected one of {', '.join(known)}")
     try:
         make_all(options.root, {name: known[name] for name in options.names or RECORDINGS})
     except SpeechError as error:
