@@ -1,4 +1,4 @@
-"""The program: `contextpolicy`, which `python -m contextpolicy` is too."""
+"""The program `contextpolicy`, also run as `python -m contextpolicy`."""
 
 import signal
 import sys

@@ -1,4 +1,4 @@
-"""What watches over the agent: undoes what a killed one left when no other comes in its place.
+"""Watches the agent, and undoes what a killed one left behind unless a successor starts.
 
 The agent is dead when its lock is free (`state_directory`). If it left entries in the journal, the next agent has the
 grace period to come: it knows what to do with them. `inotify` reports when it does. Nothing polls.

@@ -1,4 +1,4 @@
-"""What the agent would not or could not do: counted by reason, each reason logged once."""
+"""Orders and writes that the agent refused or failed: counted by reason, each reason logged once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When what failed is tried again: after growing pauses, for as long as it fails. Nothing runs while nothing fails."""
+"""Retries what failed, with growing pauses, until it succeeds. Nothing runs while nothing fails."""
 
 from __future__ import annotations
 

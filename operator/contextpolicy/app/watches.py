@@ -30,7 +30,7 @@ NOT_SERVED = (
 
 
 class ListsListener(Protocol):
-    """What hears of the lists; called on any thread."""
+    """Receives changes of the lists; called on any thread."""
 
     def on_lists(self) -> None:
         """A list was read or refused, or policies came or went."""

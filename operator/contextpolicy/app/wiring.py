@@ -149,12 +149,12 @@ class Operator:
         self._policies.repeat_to(node)
 
     def on_router(self) -> None:
-        """The router came or went: every status has that."""
+        """The router connected or disconnected, which every status reports."""
         self._publisher.report_all()
 
     @property
     def has_router(self) -> bool:
-        """Whether the bus is there."""
+        """Whether a Zenoh router is connected."""
         return self._bus.connected
 
     def policy_changed(self, body: Mapping[str, Any]) -> Future[bool]:

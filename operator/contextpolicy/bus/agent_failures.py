@@ -23,14 +23,14 @@ MOST_REASONS = 3
 
 
 class FailureListener(Protocol):
-    """What hears of them; called on the loop's thread."""
+    """Receives failures; called on the loop's thread."""
 
     def on_agents(self) -> None:
         """Other containers than before could not be set."""
 
 
 class AgentFailures:
-    """What failed last is what counts: an agent tries again with each plan. Called on the loop's thread."""
+    """Only the latest failures count: an agent tries again with each plan. Called on the loop's thread."""
 
     def __init__(self, scheduler: SchedulerBase, listener: FailureListener) -> None:
         self._scheduler, self._listener = scheduler, listener

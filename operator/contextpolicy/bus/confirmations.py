@@ -23,7 +23,7 @@ noted."""
 
 
 class ConfirmationListener(Protocol):
-    """What hears of confirmations; called on the loop's thread."""
+    """Receives confirmations; called on the loop's thread."""
 
     def on_confirmed(self, node: str, said: Confirmation) -> None:
         """The node's agent has carried out a plan, and none after it."""

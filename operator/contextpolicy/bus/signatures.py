@@ -82,7 +82,7 @@ NOBODY: tuple[Ed25519PublicKey, ...] = ()
 
 
 class PlanSigner(Protocol):
-    """What proves to agents that a message comes from the operator."""
+    """Proves to agents that a message comes from the operator."""
 
     def sign(self, key: str, payload: bytes | None, now: int) -> bytes | None:
         """The attachment for a message on `key`, None where nothing is signed.

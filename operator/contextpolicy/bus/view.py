@@ -1,4 +1,4 @@
-"""What a reader of the decision bus knows: the last plan of every policy, and how far it has been applied. Pure."""
+"""A reader's view of the decision bus: the last plan of every policy, and how far it has been applied. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one door to the API server: what is read there, patched and created."""
+"""All access to the API server: what is read, patched and created there."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ last, or, of a release that was restarted, who saw no other hold it."""
 
 
 class LeaseApi(ListWatch, Protocol):
-    """What keeping Leases needs of the API server."""
+    """The calls to the API server that keeping Leases needs."""
 
     def lease(self, namespace: str, name: str) -> Lease:
         """GET a Lease."""
@@ -38,10 +38,10 @@ class LeaseApi(ListWatch, Protocol):
 
 
 class LeaseListener(Protocol):
-    """What hears of Leases; called on any thread."""
+    """Receives news of Leases; called on any thread."""
 
     def on_lease(self) -> None:
-        """A Lease was looked at or written: what we may do may have changed."""
+        """A Lease was read or written, so the namespaces that this operator may act in may have changed."""
 
 
 def clock() -> float:
@@ -74,7 +74,7 @@ class LeaseKeeper:
         self._thread.start()
 
     def stop(self) -> None:
-        """Act no more, and give back what is ours."""
+        """Stop acting, and give the held Leases back."""
         self.abandon()
         with self._news:
             held = {namespace: candidacy.resign() for namespace, candidacy in self._candidacies.items()}
@@ -83,7 +83,7 @@ class LeaseKeeper:
                 self._give_back(namespace, given)
 
     def abandon(self) -> None:
-        """End the threads; what is ours runs out in our name."""
+        """End the threads without giving the Leases back: they expire."""
         with self._news:
             self._stopping = True
             self._news.notify()
@@ -111,13 +111,13 @@ class LeaseKeeper:
         """Nothing: what the watch can't see is looked at all the same."""
 
     def stand(self, namespace: str, candidacy: Candidacy) -> None:
-        """Run for the Lease of a namespace from now on, in place of an earlier candidacy."""
+        """Campaign for the Lease of a namespace, in place of an earlier candidacy."""
         with self._news:
             self._candidacies[namespace] = candidacy
             self._news.notify()
 
     def leave(self, namespace: str) -> None:
-        """Run for it no more."""
+        """Stop campaigning for the Lease of a namespace."""
         with self._news:
             candidacy = self._candidacies.pop(namespace, None)
             given = candidacy.resign() if candidacy else None

@@ -26,7 +26,7 @@ TIMEOUT = 5.0
 
 
 class LeaseReader(Protocol):
-    """What it needs of the API server."""
+    """The calls to the API server that this needs."""
 
     def lease(self, namespace: str, name: str) -> Lease:
         """GET a Lease."""
@@ -102,7 +102,7 @@ class Occupancy:
             return False
 
     def _renewed(self, namespace: str, own: Lease) -> Lease:
-        """Our Lease, renewed; or that of who was faster."""
+        """Our Lease, renewed, or that of another release that was faster."""
         if self._dry_run:
             return own
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
@@ -118,5 +118,5 @@ class Occupancy:
 
 
 def _patience(first: Lease) -> int:
-    """A Lease without a holder is not waited for as long as it says, which nobody means."""
+    """A Lease without a holder is not waited for as long as its duration, which means nothing then."""
     return first.seconds or MISSING if first.holder else min(first.seconds or MISSING, MISSING)

@@ -39,7 +39,7 @@ class ListWatch(PageReader, Protocol):
 
 
 class WatchListener(Protocol):
-    """What hears of a list's changes."""
+    """Receives a list's changes."""
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         """An object is new, was there already, or has changed."""
@@ -83,7 +83,7 @@ class ObjectWatch:
         self._thread.join(timeout=5)
 
     def __str__(self) -> str:
-        """What it follows."""
+        """The path of the list."""
         return self._path
 
     def check(self) -> None:

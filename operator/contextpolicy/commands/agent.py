@@ -83,7 +83,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _run(settings: AgentSettings, stop: threading.Event) -> None:
-    """Start before the bus is there: what an earlier run left is undone in time even if no router ever answers."""
+    """Start before the bus is connected: an earlier run's changes are undone in time even if no router ever answers."""
     from contextpolicy.agent.agent import Agent
     from contextpolicy.agent.agent_metrics import CONNECTED
     from contextpolicy.agent.bus_link import AgentBus

@@ -100,9 +100,9 @@ def _undo(settings: AgentSettings, state: StateDirectory) -> bool:
 
 
 def _announce(settings: AgentSettings) -> None:
-    """Show the operator an agent that comes and goes: after that it has the kubelet write the API's limits once more.
+    """Announce an agent that comes and goes: the operator then makes the kubelet write the API's limits once more.
 
-    An agent that was frozen is no news to it when it dies, and what it wrote may be undone long after the takeover.
+    The death of a frozen agent would go unnoticed, and what it wrote may be undone long after the takeover.
     """
     import zenoh
 

@@ -40,11 +40,11 @@ def carried_out(service: Service, namespace: str) -> bool:
 
 
 class ClusterAccessError(ContextPolicyError):
-    """The cluster or its operator can't be reached, or does not know what is asked for."""
+    """The cluster or its operator can't be reached, or does not have what is asked for."""
 
 
 def add_cluster(parser: argparse.ArgumentParser) -> None:
-    """Declare which cluster is meant, as kubectl has it."""
+    """Declare the options that choose the cluster, as in kubectl."""
     parser.add_argument(
         "--kubeconfig", metavar="FILE", help="the kubeconfig (default: KUBECONFIG, else ~/.kube/config)"
     )
@@ -52,7 +52,7 @@ def add_cluster(parser: argparse.ArgumentParser) -> None:
 
 
 def add_namespace(parser: argparse.ArgumentParser, *, or_all: bool = False) -> None:
-    """Declare `-n`, perhaps `-A` in its place, and which cluster is meant, as kubectl has it."""
+    """Declare `-n`, `-A` if `or_all`, and the options that choose the cluster, as in kubectl."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "-n", "--namespace", metavar="NS", help="the policy's namespace (default: that of the kubeconfig's context)"
@@ -63,7 +63,7 @@ def add_namespace(parser: argparse.ArgumentParser, *, or_all: bool = False) -> N
 
 
 def kubeconfig_of(arguments: argparse.Namespace | None) -> Kubeconfig:
-    """What the command line says of the cluster."""
+    """The kubeconfig and context that the command line names."""
     from contextpolicy.cluster.api_connection import Kubeconfig
 
     return Kubeconfig(getattr(arguments, "kubeconfig", None), getattr(arguments, "cluster", None))
@@ -86,7 +86,7 @@ def api_server(arguments: argparse.Namespace | None = None) -> Iterator[ApiServe
 
 
 class _Uncounted:
-    """A command ends before anybody could read how often it asked."""
+    """Counts nothing: a command ends before its metrics could be scraped."""
 
     def on_answer(self, method: str, code: str) -> None:
         """Nothing."""
@@ -101,7 +101,7 @@ def reference_of(arguments: argparse.Namespace) -> tuple[str, str]:
 
 
 def namespace_of(arguments: argparse.Namespace | None = None) -> str:
-    """The one given, else that of the kubeconfig's context."""
+    """The namespace given, else that of the kubeconfig's context."""
     from kubernetes import config
     from yaml import YAMLError
 
@@ -136,7 +136,7 @@ def policy_object(api: ApiServer, namespace: str, name: str) -> dict[str, Any]:
 
 
 def policies(api: ApiServer, namespace: str | None) -> list[dict[str, Any]]:
-    """Those of a namespace, or of all (None); ClusterAccessError where the cluster does not know what a policy is."""
+    """Those of a namespace, or of all (None); ClusterAccessError where the custom resource is not defined."""
     try:
         return list(api.policies(namespace))
     except ActuationError as error:

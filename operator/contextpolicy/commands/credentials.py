@@ -1,4 +1,4 @@
-"""`contextpolicy credentials ROLE DIRECTORY`: what a client outside of the cluster needs to get onto the bus."""
+"""`contextpolicy credentials ROLE DIRECTORY`: what a client outside the cluster needs to join the bus."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ PATIENCE = 3.0
 
 
 class NoAnswerError(ContextPolicyError):
-    """Nobody on the bus answers."""
+    """No reply on the bus."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -86,7 +86,7 @@ def explanation_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _refuse_file(policy: str) -> None:
-    """A file is easily named in place of a policy of the cluster, whose name can have no such ending."""
+    """Refuse a file name in place of a policy of the cluster, whose name can't have such an ending."""
     if policy.endswith((".yaml", ".yml", ".json")) or Path(policy).is_file():
         raise NoAnswerError(f"{policy} is a file: also pass --timeline with the samples to decide on")
 

@@ -1,4 +1,4 @@
-"""`contextpolicy pause`, `resume`, `dry-run` and `promote`: what happens with a policy's plans."""
+"""`contextpolicy pause`, `resume`, `dry-run` and `promote`: set what happens with a policy's plans."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Set the mode; setting it to what it is changes nothing."""
+    """Set the mode; a policy that already has it is not changed."""
     namespace, name = reference_of(arguments)
     with api_server(arguments) as api:
         body = policy_object(api, namespace, name)

@@ -1,4 +1,4 @@
-"""How commands reach the operator: what only it knows, by a port-forward to its live page."""
+"""How commands reach the operator: by a port-forward to its live page."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def all_boards(
 
 
 def _answers_of(asked: Mapping[str, Callable[[], T]]) -> dict[str, T]:
-    """What those that can be asked say, by release; the error of the last one if none can."""
+    """The answers by release; the last error if there is none."""
     found: dict[str, T] = {}
     failure: ClusterAccessError | None = None
     for release, ask in asked.items():

@@ -1,4 +1,4 @@
-"""`contextpolicy record`: the last minutes of a policy on the robot, as files that `simulate` replays on the desk."""
+"""`contextpolicy record`: the last minutes of a policy on the robot, as files that `simulate` replays offline."""
 
 from __future__ import annotations
 

@@ -142,7 +142,7 @@ def _exit_code(restored: Sequence[Restored], released: Sequence[Released], unrea
 
 
 def _key(api: CommandApi, release: str) -> bytes | None:
-    """The key by which the release signed originals; without it all that statuses say is believed."""
+    """The key with which the release signed originals; without it every original in a status is trusted."""
     from contextpolicy.cluster.originals_key import find_key, secret_of
 
     if not release:
@@ -160,7 +160,7 @@ def _key(api: CommandApi, release: str) -> bytes | None:
 def _finish(
     api: CommandApi, arguments: argparse.Namespace, occupancy: Occupancy, key: bytes | None, left: Collection[str]
 ) -> None:
-    """Nothing is left of the release: neither what it served nor what it has signed, but for what others serve now."""
+    """Remove the rest of the release: its Leases, and its key unless namespaces that others serve still need it."""
     from contextpolicy.actuators.resize.offline_release import in_need
     from contextpolicy.actuators.resize.stored_originals import Signatures
     from contextpolicy.cluster.originals_key import secret_of

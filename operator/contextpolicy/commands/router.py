@@ -104,7 +104,7 @@ def _add_process(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Route, or see to it that another process does."""
+    """Route, or supervise a child process that does."""
     return _supervise() if arguments.supervised else _route(arguments)
 
 

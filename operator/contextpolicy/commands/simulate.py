@@ -162,7 +162,7 @@ def _refuse_two_readers(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_unpredicted(arguments: argparse.Namespace, expected: Any) -> None:
-    """Misses that nobody predicts would pass unchecked."""
+    """Refuse expected misses without profiles: they would pass unchecked."""
     from contextpolicy.errors import Finding, SettingsError
 
     lines = [str(one.line) for one in expected or () if one.misses is not None]

@@ -56,7 +56,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def summary(policy: Mapping[str, Any], service: Service) -> dict[str, Any]:
-    """What people want to know of a policy, from its object: its last state, if no operator serves its namespace."""
+    """The summary of a policy, from its object: its last state, if no operator serves its namespace."""
     spec, status = policy["spec"], policy.get("status") or {}
     conditions = status.get("conditions") or []
     return {
@@ -82,7 +82,7 @@ def _is_ready(conditions: Iterable[Mapping[str, Any]]) -> bool:
 
 
 def _forced(force: Mapping[str, str]) -> dict[str, str | None]:
-    """The field stays when its time is over."""
+    """The forced context, if any: the field stays in the spec after it has expired."""
     lasts = bool(force) and datetime.fromisoformat(force["until"]) > datetime.now(UTC)
     return {"forced": force["context"] if lasts else None, "forcedUntil": force["until"] if lasts else None}
 

@@ -158,7 +158,7 @@ def _as_it_is(before: Sequence[Forecast], goals: Mapping[str, Goal]) -> SearchRe
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What was found, the name and both predictions of each timeline, the patch, and what to doubt about it."""
+    """What was found, the name and both predictions of each timeline, the patch, and its caveats."""
 
     found: SearchResult
     forecasts: list[tuple[str, Forecast, Forecast]]

@@ -108,7 +108,7 @@ def _line(content: Mapping[str, Any], output: str) -> str:
 def _through_the_cluster(
     arguments: argparse.Namespace, boards: Callable[[], Sequence[Mapping[str, Any]]], view: BusView
 ) -> None:
-    """Ask the operator again and again; a rate of use takes two answers."""
+    """Poll the operator; a rate of use takes two answers."""
     if arguments.once:
         boards()
         time.sleep(TICK)
@@ -189,7 +189,7 @@ def _post(mailbox: deque[tuple[str, bytes | None]], arrived: Event) -> Callable[
 
 
 def _ask_boards(session: zenoh.Session, view: BusView, key: str) -> None:
-    """Of an operator that does not answer there is no board: an old one would pass for what is the case."""
+    """No board of an operator that does not answer: an old one would look current."""
     view.boards.clear()
     for _, payload in _answers(session, key):
         with suppress(ValueError, RecursionError):  # on an open bus anybody may answer
@@ -258,7 +258,7 @@ def _redraw(view: BusView, take: Callable[[], None], wait: Callable[[], object])
 
 
 def _append(arguments: argparse.Namespace, view: BusView, take: Callable[[], None], wait: Callable[[], object]) -> None:
-    """Where nothing can be drawn over: the tables again after each change."""
+    """Where nothing can be redrawn: print the tables again after each change."""
     last = None
     while True:
         take()

@@ -97,7 +97,7 @@ def _headline(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any])
 
 
 def _enforced(control: str, own: Mapping[str, Any], share: int) -> Iterator[str]:
-    """What a share is to a task that runs, where it is no cap."""
+    """What a share means for a running task where it is not a cap."""
     if control == Control.SUSPEND:
         yield "That is informative only: control Suspend leaves a running task its original limit, up to its max."
     if control == Control.WEIGHT:

@@ -1,4 +1,4 @@
-"""What people watch: the board of each policy as it is now, its last minutes, and the page that shows both.
+"""The live view: the board of each policy as it is now, its last minutes, and the page that shows both.
 
 Read-only, and served on the pod's loopback alone: who may port-forward to the operator's pod may look, and nobody
 else can reach it. Kubernetes decides who that is, so there is no login here, and the operator needs no right to ask

@@ -46,7 +46,7 @@ HEADERS = {
 
 
 class Watched(Protocol):
-    """What there is to see; called on the server's threads. TimeoutError when the operator does not answer."""
+    """The data to show; called on the server's threads. TimeoutError when the operator does not answer."""
 
     def boards(self) -> list[dict[str, Any]]:
         """All policies (see `live.board`)."""

@@ -32,7 +32,7 @@ class Remembered(NamedTuple):
 
 
 class RestartState(NamedTuple):
-    """What a planner knows when it starts."""
+    """What a planner has at its start."""
 
     streams: Mapping[str, StreamState]
     contexts: Sequence[ContextState]
@@ -43,7 +43,7 @@ class RestartState(NamedTuple):
 
 
 class RestartListener(Protocol):
-    """What hears that a task's state is decided again."""
+    """Receives that tasks' states are decided again."""
 
     def on_known(self, stream: str) -> None:
         """Tasks need not wait for this stream any more."""

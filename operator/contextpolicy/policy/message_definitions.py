@@ -1,4 +1,4 @@
-"""ROS 2 messages that no release ships, from their definitions.
+"""ROS 2 messages that are part of no release, from their definitions.
 
 Definitions are untrusted input from which rosbags generates code, so only plain names and sizes get that far.
 """

@@ -1,4 +1,4 @@
-"""Which version of which program answers, and since when, as metrics."""
+"""The program, its version and its start time, as metrics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a program's certificate on the bus ends, as a metric."""
+"""The expiry of a program's certificate for the bus, as a metric."""
 
 from __future__ import annotations
 

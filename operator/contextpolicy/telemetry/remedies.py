@@ -1,4 +1,4 @@
-"""What a user can do about a resize that was refused, held back or undone. Pure."""
+"""What a user can do about a resize that was refused, held back or reverted. Pure."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ CHANGED_PAUSE = 300.0
 
 
 class ResizeListener(Protocol):
-    """What hears of resizes."""
+    """Receives news of resizes."""
 
     def knows(self, policy: str) -> bool:
         """Whether the policy is still there; one that is released does not wait for answers about pods that end."""

@@ -105,7 +105,7 @@ def restore(
 ) -> Iterator[Restored | LeftAlone | Unread]:
     """Restore every container whose original is in a policy's status, those that free the most CPU first.
 
-    What the operator has not signed is not believed, and what somebody has removed is missed, as after its restart; a
+    As after an operator's restart, entries that it did not sign are not trusted, and removed entries are detected; a
     container of which nobody knows what it had is an error.
 
     Pods that have ended or are being deleted are left alone, as the operator does, and so are namespaces that another
@@ -193,7 +193,7 @@ def _finalizers(body: Mapping[str, Any]) -> Sequence[str]:
 
 
 def policies_of(api: RestoreApi, namespace: str | None) -> Iterator[dict[str, Any]]:
-    """None if their definition is gone: what they had stored went with it."""
+    """None if the custom resource definition is gone, and with it everything that the policies stored."""
     try:
         yield from api.policies(namespace)
     except ActuationError as error:

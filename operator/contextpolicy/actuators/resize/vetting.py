@@ -1,4 +1,4 @@
-"""After a restart: which of the originals in a status can be believed, and what is true where they can't.
+"""After a restart: which originals in a status can be trusted, and what to use in place of the others.
 
 While the operator runs it knows them and rewrites what others change. Who changes or empties a status while no operator
 runs can't sign: then the pod's owner is asked. The API server records in each pod who wrote its CPU, which shows what
@@ -33,12 +33,12 @@ WAY_OUT_OF_SIGNED = f"let the release that signed it serve the namespace, or {WA
 
 
 class VettingApi(paging.PageReader, OwnerApi, Protocol):
-    """What it needs of the API server."""
+    """The calls to the API server that vetting needs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A container whose original in the status can't be believed, with the reason for people.
+    """A container whose original in the status can't be trusted, with a message for users.
 
     `settled` says whether its owner's template says what it had; if not, the container keeps what it has. Where the
     status has an entry then, that stays as it is: it may be true, and signed by another release.

@@ -1,4 +1,4 @@
-"""Warnings: what is allowed but cannot be what its author wants. Each is certain, not a matter of taste."""
+"""Warnings: what is allowed but can't be intended. Each is certain, not a matter of taste."""
 
 from __future__ import annotations
 

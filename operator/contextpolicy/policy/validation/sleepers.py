@@ -1,4 +1,4 @@
-"""Warnings about tasks that wait for what only they send, if anybody, and about what their rest begins."""
+"""Warnings about tasks that wait for samples that only they can cause, and about fallbacks that their rest begins."""
 
 from __future__ import annotations
 
