@@ -206,7 +206,7 @@ def test_a_namespace_without_its_role_is_reported_and_the_others_are_served(clus
     assert one.page("readyz") == (200, "ok\n")
 
 
-def test_a_policy_made_and_deleted_over_and_over_stops_kopf_for_nobody(cluster, replica, reported, monkeypatch):
+def test_a_policy_created_and_deleted_repeatedly_does_not_interrupt_kopf(cluster, replica, reported, monkeypatch):
     """Each time kopf was stopped and started for all namespaces, which broke off others' edits and deletions."""
     kopf = []
 

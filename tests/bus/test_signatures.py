@@ -94,7 +94,7 @@ def test_an_invalid_private_key_leaves_the_last_one_in_force(keys, signer, verif
 
 
 @pytest.mark.parametrize("content", [None, b"", b"nonsense"])
-def test_missing_or_invalid_certificates_authenticate_nobody(keys, signer, content):
+def test_missing_or_invalid_certificates_authenticate_no_sender(keys, signer, content):
     """The one that was there may have been taken out because somebody else had its key."""
     clock = iter(range(100))
     verifier, before = Verifier(keys, lambda: next(clock)), (keys / "tls.crt").read_bytes()

@@ -158,7 +158,7 @@ def test_whatever_a_robots_secret_holds_is_replaced(content):
     assert (sorted(cluster.written), good) == (own_and(*ROBOTS), True)
 
 
-def test_secret_of_a_robot_says_nothing_about_the_time(capsys):
+def test_secret_of_a_robot_does_not_affect_the_time(capsys):
     """It would have an authority made that ends after the year 9999, which is an error."""
     cluster = Cluster()
     cluster.secrets[ROBOTS[0]] = Secret({"tls.crt": an_end(9998)}, "1")

@@ -456,7 +456,7 @@ def test_disguised_operator_pod_is_not_queried(cluster, forwarded, words):
 
 @pytest.mark.usefixtures("operator")
 @pytest.mark.parametrize("words", [*WORDS, ["top", "--once"]], ids=" ".join)
-def test_disguised_release_that_cannot_be_asked_keeps_nobody_from_the_real_one(cluster, forwarded, words, monkeypatch):
+def test_disguised_release_that_does_not_answer_does_not_hide_the_real_one(cluster, forwarded, words, monkeypatch):
     """A tenant's pod under a name of its own: its port is no number, or nothing answers there."""
     tenant, silent = an_operator("lab/fake", name="fake"), an_operator("lab/silent", name="silent")
     tenant["spec"]["containers"][0]["env"].append({"name": "LIVE_PORT", "value": "x"})

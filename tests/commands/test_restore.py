@@ -342,7 +342,7 @@ def test_emptied_originals_are_replaced_by_the_owners_template(restore: Any) -> 
     assert restore(server, "--remove-finalizers", RELEASE) == (0, "nothing to restore\n")
 
 
-def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore: Any) -> None:
+def test_unknown_emptied_originals_keep_the_policy_and_the_key(restore: Any) -> None:
     server = Server(by_us(), policies=[with_spec(policy())])
     server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
     for _ in range(2):

@@ -147,7 +147,7 @@ def test_agents_leave_what_another_writer_insists_on(running):
     assert running.limits() == {"slam": 300, "speech": 200}
 
 
-def test_agents_hear_at_once_what_another_writer_insists_on(running):
+def test_agents_receive_at_once_the_limit_that_another_writer_keeps_setting(running):
     """No sample arrives meanwhile: the plan stays the same."""
     running.session.agent(NODE, b'{"missing": {"CFS": [], "Realtime": []}}')
     running.settle()
@@ -162,7 +162,7 @@ def test_agents_hear_at_once_what_another_writer_insists_on(running):
     assert now["sequence"] == before["sequence"]
 
 
-def test_agents_hear_at_once_of_a_pods_own_limit(running):
+def test_agents_receive_a_pods_own_limit_at_once(running):
     before = running.session.plans()[-1]
     running.cluster.pods["uid-slam"]["spec"]["resources"] = {"limits": {"cpu": "600m"}}
     running.cluster._commit("uid-slam")

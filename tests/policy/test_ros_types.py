@@ -53,7 +53,7 @@ def test_each_release_has_its_own_messages(release, type_name, field, has):
     assert (field in dict(type_store(release).fielddefs[type_name][1])) is has
 
 
-def test_latest_knows_every_message_in_its_newest_form():
+def test_latest_has_the_newest_definition_of_every_message():
     latest = type_store()
     for release in RosRelease:
         assert type_store(release).fielddefs.keys() <= latest.fielddefs.keys()
@@ -67,7 +67,7 @@ def test_own_messages_are_known_only_to_their_policy(definitions):
     assert not is_known("my_msgs/msg/Mood")
 
 
-def test_a_folder_as_ros_installs_it_says_the_same_as_a_config_map(tmp_path):
+def test_an_installed_ros_folder_gives_the_same_types_as_a_config_map(tmp_path):
     package = tmp_path / "share/my_msgs"
     (package / "msg").mkdir(parents=True)
     for name, text in (MOOD, NOTE):

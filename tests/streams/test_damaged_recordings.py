@@ -170,7 +170,7 @@ def test_a_tail_of_zeros_is_passed_over_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("size", [9, 10, 4096])
-def test_reading_goes_on_behind_a_hole_of_zeros(tmp_path, size):
+def test_reading_continues_behind_a_hole_of_zeros(tmp_path, size):
     path = write(tmp_path / "run.mcap")
     content = path.read_bytes()
     start, length = list(chunks(content))[3]

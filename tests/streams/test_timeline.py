@@ -194,7 +194,7 @@ def test_a_file_that_is_not_json_is_refused_by_name(tmp_path, content):
         load(path)
 
 
-def test_a_number_beyond_all_doubles_is_no_infinity(tmp_path):
+def test_a_number_beyond_all_doubles_is_not_infinity(tmp_path):
     path = tmp_path / "broken.json"
     path.write_text('{"name": "a", "duration": 1e400, "inputs": []}')
     with pytest.raises(TimelineError, match="1e400 is larger than any double"):

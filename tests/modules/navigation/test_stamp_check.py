@@ -53,7 +53,7 @@ def test_a_clock_that_was_corrected_is_believed_again():
 
 
 @given(st.floats(-10, 10), st.lists(st.floats(0, 5), min_size=1))
-def test_nothing_old_passes_whatever_the_clock_once_a_prompt_sample_was_heard(offset, waits):
+def test_late_samples_are_rejected_whatever_the_clock_after_a_prompt_one(offset, waits):
     """`offset` is how far the source's clock is ahead; its first sample arrives at once."""
     check = StampCheck("scan")
     check.hear(at(offset), at(0))

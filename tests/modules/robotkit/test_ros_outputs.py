@@ -85,13 +85,13 @@ def test_a_pose_that_is_not_known_is_not_published(state, published):
         ("lost", [TWIST]),  # the speeds are known all the same
     ],
 )
-def test_odometry_whose_pose_is_not_known_is_not_published(state, published):
+def test_odometry_without_a_pose_is_not_published(state, published):
     value = {**DRIVEN, "state": state}
     said = [name for name in (ODOMETRY, POSE, TWIST) if payload_of("odometry", name, value) is not None]
     assert said == published
 
 
-def test_a_pose_has_no_speeds_and_is_no_odometry():
+def test_a_pose_without_speeds_is_not_odometry():
     """Its twist would be that of a robot which certainly stands."""
     assert ODOMETRY not in allowed("pose")
 

@@ -66,7 +66,7 @@ def test_a_request_is_a_floor_of_its_own_container_under_limit_control():
 
 
 @pytest.mark.parametrize("spec", [{"control": "Weight"}, {"control": "Suspend"}, {"scheduler": "Realtime"}])
-def test_a_request_is_no_floor_under_other_controls(spec):
+def test_a_request_is_not_a_floor_under_other_controls(spec):
     placement = Placement(
         {"robot": 1000},
         (

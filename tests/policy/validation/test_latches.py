@@ -18,7 +18,7 @@ from tests.policy.validation.loops import (
 )
 
 
-def test_a_context_that_suspends_what_it_waits_for_holds_for_ever():
+def test_a_context_that_suspends_what_it_waits_for_holds_forever():
     assert warned() == [f"context quiet suspends speech, which produces mic: {LATCHED}"]
 
 
