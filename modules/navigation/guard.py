@@ -1,9 +1,9 @@
-"""`python -m modules.navigation.guard`: holds the robot's serial port and stops its wheels when nobody steers.
+"""`python -m modules.navigation.guard`: hold the robot's serial port, and stop its wheels without a controller.
 
-The Create 2 has no watchdog: its wheels turn at the last speed until it hears another. So the port belongs to this
+The Create 2 has no watchdog: its wheels keep the last speed until it receives another. So the port belongs to this
 small process, which has CPU of its own, and navigation steers through it. The wheels are stopped when the controller
-says nothing for `PATIENCE` (killed, frozen, starved of CPU), when its connection ends, and when the guard itself starts
-or stops. Only complete commands from a short list pass: nobody can leave the robot waiting for the rest of a command,
+sends nothing for `PATIENCE` (killed, frozen, starved of CPU), when its connection ends, and when the guard starts or
+stops. Only complete commands from a short list pass: nobody can leave the robot waiting for the rest of a command,
 or enter Full mode, in which it drives off cliffs.
 """
 

@@ -1,4 +1,4 @@
-"""`python -m modules.slam.evaluation TRUTH [POSES]`: how exact poses are, in figures that evo would print.
+"""`python -m modules.slam.evaluation TRUTH [POSES]`: measure the accuracy of poses, with the same figures as evo.
 
 TRUTH is the folder of a sequence in the layout of EuRoC or KITTI, or a TUM file. The poses are those of a TUM file, of
 the module that runs on the robot's bus (--live), or of SLAM over the sequence's pictures, run here (--run).

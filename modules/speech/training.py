@@ -3,8 +3,8 @@
 --words FOLDER...      clips of people, in folders named after words
 --connected FOLDER...  their speech without commands
 
-Of both only the speakers and sources of the training part are used (parts.py has the rule). README.md says which of
-Debian's packages speak, docs/measurements/speech.md on what the shipped networks were trained.
+Only the speakers and sources of the training part are used (parts.py has the rule). README.md lists the Debian packages
+that synthesise speech; docs/measurements/speech.md says what the shipped networks were trained on.
 """
 
 from __future__ import annotations

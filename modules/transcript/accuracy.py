@@ -1,7 +1,7 @@
-"""`python -m modules.transcript.accuracy [FILE.wav ...]`: how many words the engine gets wrong.
+"""`python -m modules.transcript.accuracy [FILE.wav ...]`: measure how many words the engine gets wrong.
 
-Each recording (16 kHz, 16 bit, mono) has its text beside it, in FILE.txt. Without any, flite's voices ask the chatbot's
-questions and read sentences. The engine is chosen as in the module: STT_ENGINE, STT_MODEL.
+Each recording (16 kHz, 16 bit, mono) needs its text beside it, in FILE.txt. Without recordings, flite's voices ask the
+chatbot's questions and read sentences. The engine is chosen as in the module: STT_ENGINE, STT_MODEL.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """`python -m timelines.experiments`: run what has not been run yet, then write the report.
 
 Before the first block it calibrates the loads and searches static weights on the tuning stories, and freezes both. It
-goes on where it was stopped. With any choice (stories, configurations, loads, blocks) it is a quick look: nothing is
-calibrated for it, and it goes to a folder of its own.
+resumes where it was stopped. With any choice (stories, configurations, loads, blocks) it is a quick look: nothing is
+calibrated for it, and its results go to a folder of their own.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m robotkit.ask TASK profile|health`: what a running task says about itself, as JSON."""
+"""`python -m robotkit.ask TASK profile|health`: print a running task's profile or health as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`python -m robotkit.profiles > profiles.json`: what all running tasks cost, for `contextpolicy simulate`."""
+"""`python -m robotkit.profiles > profiles.json`: collect the profiles of all running tasks, for `simulate`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""`python -m robotkit.sidecar module.yaml`: health and profile of a node that knows nothing of robotkit.
+"""`python -m robotkit.sidecar module.yaml`: publish health and profile for a node without robotkit.
 
-It runs beside a node of ROS 2, in the node's pod, and overhears what the node takes and gives: a module.yaml says what.
+It runs beside a ROS 2 node, in the node's pod, and observes the node's inputs and outputs, which a module.yaml lists.
 Environment: that of a module (ZENOH_CONNECT, ZENOH_CREDENTIALS, POLICY_TASK, PLAN_KEY, INPUT_..., OUTPUT_...), and
-ANSWERS_ALL: false for a node that leaves inputs out on purpose.
+ANSWERS_ALL: false for a node that skips inputs on purpose.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class Sidecar:
 
 
 def load(path: Path, environment: Mapping[str, str]) -> Module:
-    """The node's module.yaml; ConfigurationError names what can't be overheard."""
+    """The node's module.yaml; ConfigurationError names what can't be observed."""
     module = load_module(path, environment)
     streams: dict[str, Input | Output] = {f"inputs.{name}": own for name, own in module.inputs.items()}
     streams |= {f"outputs.{name}": own for name, own in module.outputs.items()}
@@ -131,7 +131,7 @@ def load(path: Path, environment: Mapping[str, str]) -> Module:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Overhear until SIGTERM or SIGINT; a bad configuration is one line and exit code 2."""
+    """Observe until SIGTERM or SIGINT; an invalid configuration ends it with one line and exit code 2."""
     parser = argparse.ArgumentParser(prog="python -m robotkit.sidecar", description=__doc__)
     parser.add_argument("module_yaml", type=Path, help="the node's inputs, outputs and needs")
     options = parser.parse_args(arguments)
