@@ -58,7 +58,7 @@ def find(folder: str) -> Networks:
 
 
 def metadata(path: Path) -> dict[str, str]:
-    """What an ONNX file says about itself."""
+    """The metadata of an ONNX file."""
     content = memoryview(path.read_bytes())
     try:
         entries = [dict(_fields(value)) for number, value in _fields(content) if number == _METADATA]

@@ -64,7 +64,7 @@ def edits(said: Sequence[str], hypothesis: Sequence[str]) -> int:
 
 
 def judge(recordings: Iterable[tuple[Samples, str]], ears: Engine) -> Score:
-    """Let the engine hear each recording as the module does, an utterance at a time."""
+    """Feed each recording to the engine as the module does, an utterance at a time."""
     score = Score()
     for sound, text in recordings:
         gate = Gate(longest=LONGEST_S, overlap=0)

@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def make_all(root: Path, recordings: Mapping[str, Recording]) -> None:
-    """Make each recording, and say so."""
+    """Make each recording, and print its name."""
     for name, recording in recordings.items():
         made = make(root, name, recording, _progress(name))
         sys.stdout.write(f"{root / name}: {'made' if made else 'up to date'}\n")

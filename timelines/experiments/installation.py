@@ -63,7 +63,7 @@ def obstacle(configuration: Configuration, *, slow: bool) -> str:
 
 
 def _defined(kind: str) -> bool:
-    """Whether the cluster knows a kind of object."""
+    """Whether the cluster defines a kind of object."""
     return bool(deploy.run("kubectl", "get", "crd", kind, "--ignore-not-found", "-o", "name").strip())
 
 

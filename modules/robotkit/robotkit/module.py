@@ -82,7 +82,7 @@ class Needs:
 
 @dataclass(frozen=True)
 class Module:
-    """What a module.yaml says."""
+    """The content of a module.yaml."""
 
     name: str
     description: str = ""

@@ -52,7 +52,7 @@ def _problems(path: str, entry: Input | Output) -> Iterator[str]:
 
 
 def _problems_of_key(path: str, entry: Input | Output) -> Iterator[str]:
-    """A key of rmw_zenoh names a type and its hash: nobody would understand another type there."""
+    """A key of rmw_zenoh names a type and its hash: no subscriber could decode another type there."""
     from robotkit.ros_types import type_store  # noqa: PLC0415 - an extra, and megabytes
 
     named, type_hash = type_in(entry.key) or (dds_name(entry.type), "")

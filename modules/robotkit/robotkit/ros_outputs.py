@@ -39,7 +39,7 @@ def allowed(kind: str) -> tuple[str, ...]:
 
 
 def fields_of(value: Mapping[str, object] | bytes, output: Output) -> Fields | None:
-    """The message's fields of a result, None if it says nothing; without a kind they are the message's already."""
+    """The message's fields for a result, None if there is nothing to publish; without a kind, the result as it is."""
     make = _MAKERS[output.kind].get(output.type) if output.kind else None
     if make is not None:
         return make(value, output)

@@ -44,7 +44,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Sidecar:
-    """Overhears one node while its `with` block runs; `task` is its name in the policy."""
+    """Observes one node while its `with` block runs; `task` is its name in the policy."""
 
     def __init__(
         self, session: zenoh.Session, module: Module, task: str, cpu: Callable[[], int], *, answers_all: bool
