@@ -1,6 +1,6 @@
 """Which orders the agent obeys. Pure.
 
-Signatures are checked before (`bus.signatures`), but anybody who can listen can replay a signed message, and an
+Signatures are checked before (`bus.signatures`), but anyone who can listen can replay a signed message, and an
 operator may be wrong: orders that are outdated or ask for too much are refused.
 """
 

@@ -85,7 +85,7 @@ class OpenFile:
 
     @property
     def watched(self) -> list[Path]:
-        """The files whose change by others is news."""
+        """The files in which changes by others matter."""
         return [self.path]
 
     def _text(self) -> str:

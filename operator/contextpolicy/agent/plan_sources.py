@@ -57,11 +57,11 @@ class PlanSources:
             self._start(policy, max(self._grace, LEAST))
 
     def end(self, policy: str) -> None:
-        """The policy has no plan that might be given up."""
+        """The policy has no plan to give up."""
         self._graces.end(policy)
 
     def stop(self) -> None:
-        """Give up nothing any more."""
+        """Stop all grace periods."""
         self._graces.stop()
 
     def _start(self, policy: str, seconds: float) -> None:

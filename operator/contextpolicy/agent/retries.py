@@ -35,10 +35,10 @@ class Retries:
             self._timers.start(key, AGAIN.after(self._times[key]), lambda: self._listener.on_retry(key))
 
     def end(self, key: str) -> None:
-        """Nothing fails any more, or nobody wants it any more."""
+        """It succeeded, or is no longer wanted."""
         self._times.pop(key, None)
         self._timers.end(key)
 
     def stop(self) -> None:
-        """Try nothing any more."""
+        """Stop all retries."""
         self._timers.stop()

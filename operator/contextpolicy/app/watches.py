@@ -89,7 +89,7 @@ class Watches:
         return (set(self._pods) or self._policies.served(before)) - refused
 
     def next_change(self) -> float | None:
-        """Seconds until a namespace is kept no more; None where none is."""
+        """Seconds until a kept namespace is dropped; None without one."""
         return self._policies.next_change()
 
 

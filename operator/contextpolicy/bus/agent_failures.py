@@ -62,7 +62,7 @@ class AgentFailures:
         self._failed = {key: failed for key, failed in self._failed.items() if key[0] != node}
 
     def _report(self, *_: object) -> None:
-        """Report what has changed, and no more for a while."""
+        """Report what has changed, then pause."""
         changed, self._changed = sorted(self._changed), set()
         self._resting = bool(changed)
         if changed:

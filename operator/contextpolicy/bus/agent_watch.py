@@ -209,7 +209,7 @@ class AgentWatch:
         self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._give_up(node))
 
     def _give_up(self, node: str) -> None:
-        """The agent was gone for too long. A new one may be alive already, but has not said what it can do."""
+        """The agent was gone for too long. A new one may be alive already, but has not reported its capabilities."""
         del self._missed[node]
         if node not in self._nodes:
             self._doubts.forget(node)

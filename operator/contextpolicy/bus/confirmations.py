@@ -30,7 +30,7 @@ class ConfirmationListener(Protocol):
 
 
 class Confirmations:
-    """Those from `nodes`, above all about `policies`: anybody with an agent's certificate may name others."""
+    """Those from `nodes`, above all about `policies`: anyone with an agent's certificate may name others."""
 
     def __init__(
         self,

@@ -31,6 +31,6 @@ class Doubts:
             self._trusted[node] = now
 
     def forget(self, node: str) -> None:
-        """There is no such node any more."""
+        """The node is gone."""
         self._times.pop(node, None)
         self._trusted.pop(node, None)

@@ -1,4 +1,4 @@
-"""The base of all our HTTP servers: whatever strangers send or hold back takes little memory and keeps nobody out.
+"""The base of all our HTTP servers: whatever clients send or hold back takes little memory and blocks no other client.
 
 A request is its request line and headers, of bounded length, within a bounded time; bodies are never read.
 """
@@ -88,7 +88,7 @@ class HttpHandler(BaseHTTPRequestHandler):
     server: HttpServer
 
     def handle_one_request(self) -> None:
-        """Answer one request, or hang up on what is none."""
+        """Answer one request, or hang up on an invalid one."""
         request = _read(self.request)
         self.rfile = BytesIO(request)
         if not request or not self.server.begin(self.request):

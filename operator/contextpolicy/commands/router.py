@@ -235,7 +235,7 @@ def _serve_metrics(arguments: argparse.Namespace) -> None:
 
 
 def _count_clients(session: zenoh.Session | None) -> None:
-    """Have a scrape ask the session; None while there is none."""
+    """Have a scrape query the session; None before it is open."""
     from contextpolicy.telemetry.router_metrics import CLIENTS
 
     CLIENTS.set_function(lambda: len(session.info.transports()) if session else 0)

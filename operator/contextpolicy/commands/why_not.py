@@ -1,4 +1,4 @@
-"""`contextpolicy why-not`: why contexts do not hold, or a task gets no more."""
+"""`contextpolicy why-not`: why contexts do not hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an operator publishes about its policies at the API server: statuses, and Events about what is news."""
+"""What an operator publishes about its policies at the API server: statuses, and Events about changes."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def refused_tag(tag: int) -> str:
 
 
 def _exceeds(payload: bytes, most: int, after: Callable[[bytes, int], int]) -> bool:
-    """What is cut off ends the walk; the decoder says so."""
+    """A truncated payload ends the walk; the decoder reports it."""
     position, end = 0, len(payload)
     for _ in range(most):
         if position >= end:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from contextpolicy.telemetry.reactions import Reaction
 
 RECENT = 100
-"""Reactions that are kept for people who watch; the histograms have them all."""
+"""Reactions that are kept for the live view; the histograms have them all."""
 FAILED = "ResizeFailed"
 """Reason of the event which says that the API server refused a resize, or did not answer."""
 RECOVERED = "ResizeRecovered"

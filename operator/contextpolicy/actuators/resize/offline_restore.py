@@ -106,7 +106,7 @@ def restore(
     """Restore every container whose original is in a policy's status, those that free the most CPU first.
 
     As after an operator's restart, entries that it did not sign are not trusted, and removed entries are detected; a
-    container of which nobody knows what it had is an error.
+    container without a known original is an error.
 
     Pods that have ended or are being deleted are left alone, as the operator does, and so are namespaces that another
     operator serves: it would resize the containers again, and what they had before would be lost.
@@ -156,7 +156,7 @@ def _vetting(api: RestoreApi, signatures: EntrySignatures, pods: Iterable[PodVie
 def _vetted(
     api: RestoreApi, namespace: str | None, vetting: Vetting, free: Collection[str]
 ) -> Iterator[tuple[Mapping[str, Any], Vetted]]:
-    """Each policy in the `free` namespaces with its originals, also those that somebody has removed from its status.
+    """Each policy in the `free` namespaces with its originals, including those that were removed from its status.
 
     Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored. The list is
     read twice, as together the policies may be too large to be kept.

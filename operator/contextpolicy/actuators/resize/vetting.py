@@ -139,7 +139,7 @@ class Vetting:
     def _unproven(
         self, pods: list[PodView], raw: Mapping[str, Any], true: Mapping[str, StoredPod]
     ) -> Iterator[tuple[PodView, str]]:
-        """The resized containers of pods about which the status says something that we did not sign."""
+        """The resized containers of pods with an entry in the status that this operator did not sign."""
         for pod in pods:
             if pod.uid in raw and pod.uid not in true:
                 yield from ((pod, container.name) for container in pod.containers if _resized(container))
@@ -151,7 +151,7 @@ class Vetting:
         true: Mapping[str, StoredPod],
         held: Collection[tuple[str, str]] | None,
     ) -> list[tuple[PodView, str]]:
-        """The resized containers among those selected about which no policy's status says anything."""
+        """The resized containers among those selected that have no entry in any policy's status."""
         lost = [
             (pod, container.name)
             for pod, container in selected
@@ -189,12 +189,12 @@ def _resized(container: ContainerView) -> bool:
 
 
 def _differs(container: ContainerView, template: Cpu | None) -> bool:
-    """Whether the container's CPU differs from what its template says."""
+    """Whether the container's CPU differs from that of its template."""
     return template is not None and _found(container, template) != container.spec
 
 
 def _found(container: ContainerView, template: Cpu | None) -> Cpu:
-    """What the container had: what we did not write is as it was, the rest is what its template says, if anything."""
+    """The container's original: what we did not write is unchanged, the rest comes from its template, if any."""
     spec, by = container.spec, container.writers
     request = template.request if template and by.request == FIELD_MANAGER else None
     limit = template.limit if template and by.limit == FIELD_MANAGER else None

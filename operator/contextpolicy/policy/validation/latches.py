@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def latches(policy: Policy) -> Iterator[Finding]:
-    """Each context that only a stream ends whose producer it stops, be it together with others."""
+    """Each context that only a stream ends whose producer it stops, alone or together with others."""
     yield from _Latches(without_health(policy)).findings()
 
 

@@ -36,7 +36,7 @@ def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
 
 
 def _decisions(policy: Policy) -> Iterator[Finding]:
-    """Streams that hear what the operator decides for other namespaces, as one with the key `**` does."""
+    """Streams that receive what the operator decides for other namespaces, as one with the key `**` does."""
     own = f"contextpolicy/{policy.namespace}/"
     for index, stream in enumerate(policy.streams):
         if not stream.key.startswith(own) and any(meet(stream.key, f"contextpolicy/*/*/{what}") for what in DECISIONS):
