@@ -112,7 +112,7 @@ def _certificates(facts: ClusterFacts) -> Iterator[Check]:
             yield Check(subject, Verdict.UNKNOWN, "can't be read", "use an account that may read Secrets there")
             continue
         left = end - facts.now
-        seen = f"expires {end:%Y-%m-%d}, in {left.days} days" if left > timedelta() else f"ended {end:%Y-%m-%d}"
+        seen = f"expires {end:%Y-%m-%d}, in {left.days} days" if left > timedelta() else f"expired {end:%Y-%m-%d}"
         verdict = Verdict.BAD if left < EXPIRES_NOW else Verdict.WARNING if left < EXPIRES_SOON else Verdict.OK
         remedy = "find out why its renewal Job fails: kubectl get jobs -n NAMESPACE; or renew your own"
         yield Check(subject, verdict, seen, remedy)
