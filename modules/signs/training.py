@@ -1,6 +1,7 @@
 """`python -m modules.signs.training`: draws signs, trains the digit network on them, and writes it as ONNX.
 
-See README.md for the time it takes and the fonts it uses. It needs jax and onnx; the module itself does not.
+docs/measurements/modules.md says how long it takes and which fonts it draws with. It needs jax and onnx; the module
+itself does not.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 --words FOLDER...      clips of people, in folders named after words
 --connected FOLDER...  their speech without commands
 
-Only the speakers and sources of the training part are used (parts.py has the rule). README.md lists the Debian packages
-that synthesise speech; docs/measurements/speech.md says what the shipped networks were trained on.
+Of both only the speakers and sources of the training part are used (parts.py has the rule).
+docs/measurements/speech.md says which of Debian's packages speak, and on what the shipped networks were trained.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "adopt",
         help="replace a policy's spec with that of its promoted shadow",
-        description="Write the spec of a promoted shadow into the policy that it shadows, and delete the shadow. What "
-        "is in force does not change. Under GitOps, move the spec in Git instead: a sync would undo this command.",
+        description="Write the spec of a promoted shadow into the policy that it is a shadow of, and delete the "
+        "shadow; nothing that is in force changes. Under GitOps move the spec in Git, or the next sync undoes this.",
     )
     parser.add_argument("policy", metavar="SHADOW", help="[NAMESPACE/]NAME of the shadow")
     add_namespace(parser)

@@ -30,7 +30,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "force",
         help="make a context hold for a limited time",
         description="Make a context hold for a limited time, in addition to those that hold because of the sensors. "
-        "Under GitOps, set spec.force in Git instead: a sync would undo this command.",
+        "Under GitOps set spec.force in Git, or the next sync may undo this.",
     )
     parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME")
     parser.add_argument("context", metavar="CONTEXT", nargs="?", help="context to force; not needed with --end")

@@ -32,8 +32,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         parser = subparsers.add_parser(
             command,
             help=text,
-            description=f"Set the {whose.lower()}'s mode to {mode}: {text}. Under GitOps, set spec.mode in "
-            "Git instead: a sync would undo this command.",
+            description=f"Set the {whose.lower()}'s mode to {mode}: {text}. Under GitOps set spec.mode in "
+            "Git, or the next sync undoes this.",
         )
         parser.add_argument("policy", metavar=whose, help=f"[NAMESPACE/]NAME of the {whose.lower()}")
         add_namespace(parser)

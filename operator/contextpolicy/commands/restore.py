@@ -52,9 +52,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--release",
         metavar="NS/NAME",
         default="",
-        help="act for this release alone: skip namespaces whose Lease names another release, even one that is down "
-        "(default: skip those whose Lease is renewed within its duration, 60 s), and trust only originals that this "
-        "release's operator signed",
+        help="act for this release alone: skip namespaces whose Lease names another release, even one that is down, "
+        "and believe only originals that this release's operator signed (default: skip namespaces whose Lease was "
+        "renewed in the last 60 s)",
     )
     parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
     add_cluster(parser)

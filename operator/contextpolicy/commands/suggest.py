@@ -84,7 +84,7 @@ def add(subparsers: Any) -> None:
         type=_part,
         default=MISSES,
         metavar="PART",
-        help="fraction of inputs that may be missed (default: 0.01)",
+        help="part of the inputs that may be missed (default: 0.01)",
     )
     parser.add_argument(
         "--tries", type=_count, default=TRIES, metavar="N", help="how many policies to simulate at most (default: 100)"

@@ -39,8 +39,8 @@ def add_types_argument(parser: argparse.ArgumentParser) -> None:
         "--types",
         metavar="DIR",
         type=Path,
-        help="a folder with .msg and .idl files, such as an installed package's share: the messages of ConfigMaps "
-        "that none of the files contains",
+        help="a folder with .msg and .idl files, such as an installed package's share directory: instead of "
+        "ConfigMaps that are not among the files",
     )
 
 
