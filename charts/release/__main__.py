@@ -26,17 +26,17 @@ def parser() -> argparse.ArgumentParser:
         "--architecture",
         action="append",
         choices=images.ARCHITECTURES,
-        help="may be repeated; default: all. Another one than this machine's is emulated",
+        help="repeatable (default: all); one other than this machine's is emulated",
     )
     top.add_argument(
         "--base-image",
         type=images.pinned,
         metavar="NAME@sha256:...",
-        help="what the image builds on: Python 3.11 or later with venv; default: made of Debian's packages",
+        help="base of the image, with Python 3.11 or later and venv (default: one made of Debian's packages)",
     )
-    top.add_argument("--key", type=Path, default=KEY, help=f"signs; made if it is not there; default: {KEY}")
+    top.add_argument("--key", type=Path, default=KEY, help=f"signing key, created if missing (default: {KEY})")
     top.add_argument(
-        "--no-bill", action="store_true", help="leave out the bills of materials: building syft takes long"
+        "--no-bill", action="store_true", help="leave out the bills of materials, as building syft takes long"
     )
     return top
 

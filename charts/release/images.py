@@ -35,7 +35,7 @@ BUILD_TIMEOUT = 3600.0  # pip in an emulator
 def pinned(name: str) -> str:
     """Return a base image's name; without a digest it may be another image tomorrow."""
     if not re.fullmatch(r".+@sha256:[0-9a-f]{64}", name):
-        raise argparse.ArgumentTypeError(f"{name!r} is not pinned: allowed is NAME@sha256: and 64 hexadecimal digits")
+        raise argparse.ArgumentTypeError(f"invalid value {name!r}: expected NAME@sha256: and 64 hexadecimal digits")
     return name
 
 

@@ -34,9 +34,9 @@ def _read(key: Path) -> ec.EllipticCurvePrivateKey:
     try:
         private = serialization.load_pem_private_key(key.read_bytes(), password=None)
     except (ValueError, TypeError) as error:
-        raise ClusterError(f"{key}: not a private key in PEM without a password: {error}") from error
+        raise ClusterError(f"{key}: expected a private key in PEM without a password: {error}") from error
     if not isinstance(private, ec.EllipticCurvePrivateKey) or not isinstance(private.curve, ec.SECP256R1):
-        raise ClusterError(f"{key}: not an ECDSA key on the curve P-256")
+        raise ClusterError(f"{key}: expected an ECDSA key on the curve P-256")
     return private
 
 

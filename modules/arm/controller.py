@@ -64,4 +64,4 @@ class Controller:
             heard += self._line.read(left)
             if len(heard) >= 2:
                 return int.from_bytes(heard[:2], "little")
-        raise DeviceError(f"{self._line.name}: no answer to {command.hex(' ')} within {ANSWER_S:g} s; is it a Maestro?")
+        raise DeviceError(f"{self._line.name}: no answer to {command.hex(' ')} in {ANSWER_S:g} s: expected a Maestro")

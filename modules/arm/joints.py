@@ -91,13 +91,13 @@ class Arm:
         for name in NAMES:
             least, most = self.joints[name].angle
             if not least - TOLERANCE <= posture[name] <= most + TOLERANCE:
-                yield f"{name}: {posture[name]:.1f} degrees, allowed are {least:g} to {most:g}"
+                yield f"{name}: {posture[name]:.1f} degrees: expected {least:g} to {most:g}"
         bend = posture["shoulder"] - posture["elbow"]
         if not self.bend[0] - TOLERANCE <= bend <= self.bend[1] + TOLERANCE:
-            yield f"bend: {bend:.1f} degrees between the arms, allowed are {self.bend[0]:g} to {self.bend[1]:g}"
+            yield f"bend: {bend:.1f} degrees between the arms: expected {self.bend[0]:g} to {self.bend[1]:g}"
         height = self.grip_at(posture)[2]
         if height < self.lowest - TOLERANCE:
-            yield f"height: {height:.0f} mm, the lowest is {self.lowest:g}"
+            yield f"height: {height:.0f} mm: expected at least {self.lowest:g} mm"
 
 
 def load_arm(path: Path) -> Arm:
@@ -127,9 +127,9 @@ def _joint(reader: _Reader, field: str) -> Joint:
     pulse = reader.numbers(f"{field}.pulse_us", 2, *PULSES_US)
     angle = reader.numbers(f"{field}.angle_deg", 2, -180, 180)
     if pulse[0] == pulse[1] and not reader.problems:
-        reader.problems.append(f"{field}.pulse_us: {pulse[0]:g} twice, two different pulses are needed")
+        reader.problems.append(f"{field}.pulse_us: {pulse[0]:g} twice: expected two different pulses")
     if angle[0] >= angle[1] and not reader.problems:
-        reader.problems.append(f"{field}.angle_deg: {angle[0]:g} to {angle[1]:g}, the first must be the smaller one")
+        reader.problems.append(f"{field}.angle_deg: {angle[0]:g} to {angle[1]:g}: expected the smaller angle first")
     channel = int(reader.number(f"{field}.channel", 0, 23))
     return Joint(
         channel, (pulse[0], pulse[1]), (angle[0], angle[1]), reader.number(f"{field}.speed_deg_s", 1, FASTEST_DEG_S)
@@ -149,13 +149,13 @@ class _Reader:
     def numbers(self, field: str, count: int, least: float, most: float) -> list[float]:
         found = self._find(field)
         if not isinstance(found, list) or len(found) != count:
-            self.problems.append(f"{field}: {found!r}, allowed is a list of {count} numbers")
+            self.problems.append(f"{field}: invalid value {found!r}: expected a list of {count} numbers")
             return [float(index) for index in range(count)]
         return [self._checked(field, value, least, most) for value in found]
 
     def distinct(self, channels: Mapping[str, int]) -> None:
         if len(set(channels.values())) < len(channels) and not self.problems:
-            self.problems.append(f"channels: {channels}, each joint needs its own")
+            self.problems.append(f"channels: {channels}: expected a different one for each joint")
 
     def _find(self, field: str) -> object:
         found = self._document
@@ -166,6 +166,6 @@ class _Reader:
     def _checked(self, field: str, value: object, least: float, most: float) -> float:
         number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
         if not number or not least <= float(value) <= most:  # type: ignore[arg-type]
-            self.problems.append(f"{field}: {value!r}, allowed is a number from {least:g} to {most:g}")
+            self.problems.append(f"{field}: invalid value {value!r}: expected a number from {least:g} to {most:g}")
             return least
         return float(value)  # type: ignore[arg-type]

@@ -50,8 +50,8 @@ def inverse(links: Links, point: Point) -> Angles:
     distance = math.hypot(reach, z)
     nearest, farthest = abs(links.upper_arm - links.forearm), links.upper_arm + links.forearm
     if not nearest <= distance <= farthest or distance == 0:
-        span = f"the arm spans {nearest:g} to {farthest:g}"
-        raise Unreachable(f"position {_text(point)}: {distance:.0f} mm from shoulder to wrist, {span}")
+        span = f"expected {nearest:g} to {farthest:g} mm"
+        raise Unreachable(f"position {_text(point)}: {distance:.0f} mm from shoulder to wrist: {span}")
     slope = math.atan2(z, reach)
     shoulder = slope + _corner(links.upper_arm, distance, links.forearm)
     elbow = slope - _corner(links.forearm, distance, links.upper_arm)

@@ -43,7 +43,8 @@ def _goal(document: Any, arm: Arm, current: Posture) -> Posture:
     fields = {name: value for name, value in document.items() if name != "stamp"} if isinstance(document, dict) else {}
     if not fields or fields.keys() - {"move", "home", "grip"} or ("move" in fields and "home" in fields):
         allowed = '{"stop": true}, {"relax": true}, {"home": true}, {"move": [x, y, z]} in mm, or {"grip": degrees}'
-        raise MessageError(f"order: {document!r}, allowed is {allowed}; a grip may go with a move or with home")
+        more = "a grip may accompany a move or home"
+        raise MessageError(f"order: invalid value {document!r}: expected {allowed}; {more}")
     grip = _grip(fields["grip"], arm) if "grip" in fields else current["grip"]
     if "move" in fields:
         return arm.posture_at(_point(fields["move"]), grip=grip)
@@ -56,7 +57,7 @@ def _point(value: object) -> tuple[float, float, float]:
     match value:
         case [x, y, z] if _is_number(x) and _is_number(y) and _is_number(z):
             return float(x), float(y), float(z)
-    raise MessageError(f"move: {value!r}, allowed is [x, y, z] in mm")
+    raise MessageError(f"move: invalid value {value!r}: expected [x, y, z] in mm")
 
 
 def _grip(value: object, arm: Arm) -> float:
@@ -65,7 +66,7 @@ def _grip(value: object, arm: Arm) -> float:
         return ends[GRIPS[value]]
     if _is_number(value):
         return float(value)
-    raise MessageError(f"grip: {value!r}, allowed are degrees from {ends[0]:g} to {ends[1]:g}, open and closed")
+    raise MessageError(f"grip: invalid value {value!r}: expected {ends[0]:g} to {ends[1]:g} degrees, open or closed")
 
 
 def _is_number(value: object) -> TypeGuard[float]:

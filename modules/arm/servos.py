@@ -91,7 +91,9 @@ GO_HOME = Command(Opcode.GO_HOME).encode()
 
 def _with_value(opcode: Opcode, channel: int, value: int) -> bytes:
     if not 0 <= value <= MAX_VALUE:
-        raise ValueError(f"{opcode.name.lower()} of channel {channel}: {value} is outside of 0 to {MAX_VALUE}")
+        raise ValueError(
+            f"{opcode.name.lower()} of channel {channel}: invalid value {value}: expected 0 to {MAX_VALUE}"
+        )
     return Command(opcode, channel, value).encode()
 
 

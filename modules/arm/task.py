@@ -49,7 +49,7 @@ class MeArm(Task):
         """Take an order."""
         with self._lock:
             if self._controller is None:
-                raise DeviceError(f"{self._port}: no arm is there to carry out an order")
+                raise DeviceError(f"{self._port}: no arm is connected to carry out an order")
             order = parse_order(received.payload, self._arm, self._goal or self._posture)
             if isinstance(order, Order):
                 self._end("stopped" if order is Order.STOP else "relaxed")
@@ -88,7 +88,7 @@ class MeArm(Task):
                 return False
             self._posture = posture or self._posture  # unknown: the first move starts with a jump, see README.md
             self._controller = controller
-        _LOG.info("%s: a Maestro, its servos %s", self._port, "hold" if posture else "are limp")
+        _LOG.info("%s: Maestro connected, its servos %s", self._port, "hold" if posture else "are limp")
         return True
 
     def _let_go(self, controller: Controller, why: str) -> None:

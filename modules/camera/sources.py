@@ -38,7 +38,7 @@ class Recorded:
         self._mav0 = euroc.find(folder)
         for camera in ("cam0", "cam1") if view == "stereo" else (view,):
             if not (self._mav0 / camera / "data.csv").is_file():
-                raise euroc.DatasetError(f"{self._mav0 / camera / 'data.csv'}: is missing, view {view} needs it")
+                raise euroc.DatasetError(f"{self._mav0 / camera / 'data.csv'}: missing, and needed for view {view}")
         self._view = view
         self._playback = Playback()
 
@@ -86,7 +86,7 @@ class Devices:
         pictures = [capture.retrieve() for capture in captures]
         for path, caught, (retrieved, _) in zip(self._paths, grabbed, pictures, strict=True):
             if not caught or not retrieved:
-                raise DeviceError(f"camera {path} gives no pictures")
+                raise DeviceError(f"camera {path} delivers no pictures")
         encoded = [
             cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
             for _, picture in pictures

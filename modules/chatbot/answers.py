@@ -37,7 +37,7 @@ ACTIVITIES = {
 
 
 def answer(question: str, memory: Memory, now: float) -> str:
-    """What the robot says to a question."""
+    """The robot's answer to a question."""
     words = " ".join(re.findall(r"[a-z0-9'-]+", question.lower()))
     for pattern, rule in RULES:
         match = re.search(pattern, words)

@@ -1,4 +1,4 @@
-"""What the robot knows about itself: its pose, its tasks' health, and the policy's decisions. All times in s."""
+"""The robot's state for answers: its pose, its tasks' health, and the policy's decisions. All times in s."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Memory:
             raise UnusableError(f"a health message without misses: {error!r}") from error
 
     def see_plan(self, message: Message, at: float) -> None:
-        """Remember a plan in force; one that is older than the last of its policy, or a dry run, says nothing."""
+        """Remember a plan in force; one that is older than the last of its policy, or a dry run, is ignored."""
         try:
             order = int(message["run"]), int(message["sequence"])
             policy, enforced = str(message.get("policy", "")), message["mode"] == "Enforce"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Chatbot(Task):
-    """Remembers what the bus says about the robot, and answers questions from it."""
+    """Remembers messages about the robot, and answers questions from them."""
 
     def __init__(self) -> None:
         self._memory = Memory()

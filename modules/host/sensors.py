@@ -101,7 +101,7 @@ class Host:
         return round(sum(parts) / len(parts), 3) if parts else None
 
     def _throttled(self, firmware: float | None) -> bool | None:
-        """Whether the firmware, a cooling device or a throttle counter says so; None when none is available."""
+        """Whether firmware, a cooling device or a throttle counter reports throttling; None when none is available."""
         signs = [] if firmware is None else [bool(int(firmware) & SLOWED)]
         for device in self._root.glob("sys/class/thermal/cooling_device*"):
             state = _number(device / "cur_state")

@@ -63,7 +63,7 @@ class Motion:
 
 
 class MotionDetector:
-    """Takes sample after sample, and says what the robot does at each."""
+    """Classifies the robot's motion at each sample."""
 
     def __init__(self) -> None:
         self._limits = Thresholds()

@@ -35,7 +35,7 @@ _SYNC_BIT = 0x8000
 
 
 class Command(IntEnum):
-    """Requests that an A1 knows."""
+    """Requests that an A1 supports."""
 
     SCAN = 0x20
     FORCE_SCAN = 0x21
@@ -208,7 +208,7 @@ def decode_health(data: bytes) -> Health:
 
 
 def decode_node(data: bytes) -> Node | None:
-    """Read five bytes; None: the check bits say that they are no measurement."""
+    """Read five bytes; None: the check bits show that they are not a measurement."""
     flags, angle, distance = _NODE.unpack(data)
     start = bool(flags & 1)
     if start == bool(flags & 2) or not angle & 1 or angle >> 1 >= FULL_TURN * 64:
@@ -217,7 +217,7 @@ def decode_node(data: bytes) -> Node | None:
 
 
 def decode_capsule(data: bytes) -> Capsule | None:
-    """Read 84 bytes; None: sync marks or checksum say that they are no capsule."""
+    """Read 84 bytes; None: sync marks or checksum show that they are not a capsule."""
     if data[0] >> 4 != 0xA or data[1] >> 4 != 0x5 or _checksum(data[2:]) != (data[0] & 15 | (data[1] & 15) << 4):
         return None
     (angle,) = struct.unpack_from("<H", data, 2)

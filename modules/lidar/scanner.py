@@ -74,7 +74,7 @@ class Scanner:
             self._quiet(rplidar.RESET)
             health = self._health()
         if health.status == rplidar.PROTECTING:
-            raise DeviceError(f"{self._line.name}: the lidar protects itself, error code {health.error:#06x}")
+            raise DeviceError(f"{self._line.name}: the lidar has shut itself down, error code {health.error:#06x}")
         info = rplidar.decode_info(self._ask(rplidar.GET_INFO, rplidar.INFO_DESCRIPTOR))
         self._parser.feed(self._ask(self._request, self._descriptor, size=0))
         return info

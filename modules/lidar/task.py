@@ -66,15 +66,15 @@ class Lidar(Task):
 
 
 def build(environment: Mapping[str, str]) -> Lidar:
-    """Read the environment; ConfigurationError names all that makes no sense."""
+    """Read the environment; ConfigurationError names every invalid variable."""
     mode, angle = environment.get("LIDAR_MODE", "standard"), environment.get("LIDAR_FORWARD", "0")
-    problems = [] if mode in MODES else [f"LIDAR_MODE: {mode!r}, allowed are {' and '.join(MODES)}"]
+    problems = [] if mode in MODES else [f"LIDAR_MODE: invalid value {mode!r}: expected {' or '.join(MODES)}"]
     try:
         forward = float(angle)
     except ValueError:
         forward = math.nan
     if not math.isfinite(forward):
-        problems.append(f"LIDAR_FORWARD: {angle!r}, allowed is an angle in degrees")
+        problems.append(f"LIDAR_FORWARD: invalid value {angle!r}: expected an angle in degrees")
     if problems:
         raise ConfigurationError("\n".join(problems))
     return Lidar(environment.get("SERIAL_PORT", PORT), mode=mode, forward=forward)

@@ -90,7 +90,7 @@ class Device:
                 try:
                     yield self._chunks.get(timeout=SILENT_S)
                 except queue.Empty:
-                    raise DeviceError(f"microphone {self._name or '(default)'} gives no sound") from None
+                    raise DeviceError(f"microphone {self._name or '(default)'} delivers no sound") from None
 
     def _hear(self, data: Any, _frames: int, _time: Any, _status: Any) -> None:
         """Called on the driver's thread, which must not block: a full queue drops its oldest chunk."""

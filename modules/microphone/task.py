@@ -1,4 +1,4 @@
-"""A microphone as a task: when it is suspended, its device is closed and nobody hears."""
+"""A microphone as a task: while it is suspended, its device is closed and nothing is recorded."""
 
 from __future__ import annotations
 

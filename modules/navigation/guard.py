@@ -1,9 +1,9 @@
-"""`python -m modules.navigation.guard`: holds the robot's serial port and stops its wheels when nobody steers.
+"""`python -m modules.navigation.guard`: hold the robot's serial port, and stop its wheels without a controller.
 
-The Create 2 has no watchdog: its wheels turn at the last speed until it hears another. So the port belongs to this
+The Create 2 has no watchdog: its wheels keep the last speed until it receives another. So the port belongs to this
 small process, which has CPU of its own, and navigation steers through it. The wheels are stopped when the controller
-says nothing for `PATIENCE` (killed, frozen, starved of CPU), when its connection ends, and when the guard itself starts
-or stops. Only complete commands from a short list pass: nobody can leave the robot waiting for the rest of a command,
+sends nothing for `PATIENCE` (killed, frozen, starved of CPU), when its connection ends, and when the guard starts or
+stops. Only complete commands from a short list pass: nobody can leave the robot waiting for the rest of a command,
 or enter Full mode, in which it drives off cliffs.
 """
 
@@ -58,7 +58,7 @@ class Watch:
         passed = b""
         for command in self._parser.feed(data):
             if command.opcode not in PASSED:
-                _LOG.warning("%s is not passed on", command.opcode.name)
+                _LOG.warning("command %s is not allowed: dropped", command.opcode.name)
                 continue
             passed += command.encode()
             if command.opcode is Opcode.DRIVE_DIRECT:
@@ -101,7 +101,7 @@ class Guard:
             try:
                 with open_line(port, oi.BAUD) as line:
                     line.write(oi.RESYNC + END)
-                    _LOG.info("%s: the wheels stand", port)
+                    _LOG.info("%s: wheels stopped", port)
                     self._guard(line)
             except DeviceError as error:
                 _LOG.warning("%s", error)
@@ -138,14 +138,14 @@ class Guard:
                 data = _received(controller)
                 if not data:
                     line.write(END)
-                    _LOG.info("the controller is gone: the wheels stand")
+                    _LOG.info("controller disconnected: wheels stopped")
                     return
                 line.write(watch.hear(data, time.monotonic()))
             if line.fileno() in ready:
                 _send(controller, line.read(0))
             if watch.lost(time.monotonic()):
                 line.write(oi.HALT)
-                _LOG.warning("the controller was silent for %g s: the wheels stand", PATIENCE)
+                _LOG.warning("no data from the controller for %g s: wheels stopped", PATIENCE)
 
 
 def _received(controller: socket.socket) -> bytes:
@@ -165,7 +165,7 @@ def main() -> None:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s guard: %(message)s")
     port, listen = os.environ.get("ROBOT_PORT", "/dev/ttyUSB0"), os.environ.get("GUARD_PORT", str(PORT))
     if not listen.isdecimal() or int(listen) not in range(1, 65536):
-        sys.exit(f"GUARD_PORT: {listen!r}, allowed is a number from 1 to 65535")
+        sys.exit(f"GUARD_PORT: invalid value {listen!r}: expected a port from 1 to 65535")
     with socket.create_server(("127.0.0.1", int(listen))) as server:
         guard = Guard(server, threading.Event())
         for number in (signal.SIGTERM, signal.SIGINT):

@@ -151,7 +151,7 @@ def _decode(opcode: Opcode, data: bytes) -> Command:
 
 def _check(name: str, value: int, least: int, most: int) -> None:
     if not least <= value <= most:
-        raise ValueError(f"{name}: {value} is outside of {least} to {most}")
+        raise ValueError(f"{name}: invalid value {value}: expected {least} to {most}")
 
 
 def drive(velocity: int, radius: int) -> bytes:

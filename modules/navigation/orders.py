@@ -31,7 +31,7 @@ def parse_order(payload: bytes, now: float) -> Drive | Route | str:
             motion = Motion(_number("forward", forward, FASTEST), _number("turn", rest.get("turn", 0), FASTEST_TURN))
             return Drive(motion, now + DRIVE_PATIENCE)
     allowed = '{"stop": true}, {"waypoints": [[x, y], ...]} or {"drive": {"forward": m/s, "turn": rad/s}}'
-    raise MessageError(f"order: {payload[:80]!r}, allowed is {allowed}")
+    raise MessageError(f"order: invalid value {payload[:80]!r}: expected {allowed}")
 
 
 def parse_ranges(payload: bytes) -> Sequence[float]:
@@ -39,7 +39,7 @@ def parse_ranges(payload: bytes) -> Sequence[float]:
     match _json(payload):
         case {"ranges": list(ranges)} if ranges and all(_is_range(each) for each in ranges):
             return ranges
-    raise MessageError(f"scan: {payload[:80]!r}, allowed is an object with `ranges`, a list of m from 0 to 100")
+    raise MessageError(f"scan: invalid value {payload[:80]!r}: expected `ranges`, a list of metres from 0 to 100")
 
 
 def _json(payload: bytes) -> Any:
@@ -51,11 +51,11 @@ def _json(payload: bytes) -> Any:
 
 def _waypoints(waypoints: list[Any]) -> list[tuple[float, float]]:
     if len(waypoints) > MOST_WAYPOINTS:
-        raise MessageError(f"waypoints: {len(waypoints)} of them, at most {MOST_WAYPOINTS} are allowed")
+        raise MessageError(f"waypoints: {len(waypoints)} of them: expected at most {MOST_WAYPOINTS}")
     points = []
     for index, waypoint in enumerate(waypoints):
         if not isinstance(waypoint, list) or len(waypoint) != 2:
-            raise MessageError(f"waypoints[{index}]: {waypoint!r}, allowed is [x, y]")
+            raise MessageError(f"waypoints[{index}]: invalid value {waypoint!r}: expected [x, y]")
         points.append((_number(f"waypoints[{index}][0]", waypoint[0]), _number(f"waypoints[{index}][1]", waypoint[1])))
     return points
 
@@ -63,7 +63,7 @@ def _waypoints(waypoints: list[Any]) -> list[tuple[float, float]]:
 def _number(field: str, value: object, most: float = FARTHEST) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= most:
         return float(value)
-    raise MessageError(f"{field}: {value!r}, allowed is a number from {-most:g} to {most:g}")
+    raise MessageError(f"{field}: invalid value {value!r}: expected a number from {-most:g} to {most:g}")
 
 
 def _is_range(value: object) -> bool:

@@ -70,7 +70,7 @@ def members(packet: int) -> tuple[int, ...]:
         return tuple(GROUPS[packet])
     if packet in PACKETS:
         return (packet,)
-    raise ValueError(f"packet: {packet} is none of 0 to 6, 7 to 58, 100, 101, 106, 107")
+    raise ValueError(f"packet: invalid value {packet}: expected 0 to 58, 100, 101, 106 or 107")
 
 
 def _codes(packet: int) -> str:
@@ -108,7 +108,9 @@ class Frame:
         self._struct = struct.Struct(f">BB{content}B")
         self._values = struct.Struct(">2x" + "".join("x" + _codes(packet) for packet in packets) + "x")
         if self.size > FRAME_LIMIT:
-            raise ValueError(f"packets: their frame has {self.size} bytes, the line carries {FRAME_LIMIT} in 15 ms")
+            raise ValueError(
+                f"packets: a frame of {self.size} bytes: expected at most {FRAME_LIMIT}, as fit into 15 ms"
+            )
         self.start = bytes([HEADER, self.size - 3])
         self._ids = _positions(packets)
 

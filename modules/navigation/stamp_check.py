@@ -35,13 +35,13 @@ class StampCheck:
         """Return a sample's age in s; MessageError when it is more than `most`, or the clock can't be believed."""
         if now - self._caught < DISTRUST_S * 1e9:
             raise MessageError(
-                f"{self._name}: the clock of its source is {self._ahead:.1f} s ahead of this computer's, at most "
-                f"{AHEAD_S:g} s is allowed: synchronise them"
+                f"{self._name}: its source's clock is {self._ahead:.1f} s ahead of this computer's, more than "
+                f"{AHEAD_S:g} s: synchronise the clocks"
             )
         age = (now - stamp) / 1e9
         if age > most:
             raise MessageError(
-                f"{self._name}: published {age:.1f} s ago, at most {most:g} s is allowed: "
-                "it waited on its way, or the clock of its source is behind this computer's"
+                f"{self._name}: published {age:.1f} s ago, more than {most:g} s: "
+                "it was delayed, or its source's clock is behind this computer's"
             )
         return max(age, 0.0)

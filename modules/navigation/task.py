@@ -69,7 +69,7 @@ class Navigation(Task):
             order = self._timely(order, received)
         with self._lock:
             if self._robot is None:
-                raise DeviceError(f"{self._port}: no robot is there to carry out an order")
+                raise DeviceError(f"{self._port}: no robot is connected to carry out an order")
             if not self._pilot.wanted:
                 self._robot.arm()
             self._pilot.follow(order, now)
@@ -118,7 +118,7 @@ class Navigation(Task):
             robot.start()
             self._odometry.restart()
             self._robot = robot
-        _LOG.info("%s: sensors asked for", self._port)
+        _LOG.info("%s: sensor data requested", self._port)
         return True
 
     def _control(self, robot: Create2, ended: threading.Event) -> Generator[Result, None, None]:
@@ -128,7 +128,7 @@ class Navigation(Task):
             now = time.monotonic()
             if not frames:
                 if now - heard > SILENCE_S:
-                    raise DeviceError(f"{self._port}: no sensor data for {SILENCE_S:g} s; is the robot on?")
+                    raise DeviceError(f"{self._port}: no sensor data for {SILENCE_S:g} s: check that the robot is on")
                 continue
             heard, cycle, self._sensors = now, cycle + 1, frames[-1]
             self._odometry.update(self._sensors.left, self._sensors.right)

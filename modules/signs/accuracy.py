@@ -1,4 +1,4 @@
-"""`python -m modules.signs.accuracy`: how many numbers are read right, by both networks.
+"""`python -m modules.signs.accuracy`: measure how many numbers each of the two networks reads correctly.
 
 FILE ...           SVHN's digitStruct.mat (format 1) or *_32x32.mat (format 2)
 --rendered FOLDER  draws signs in fonts that no network was trained on, writes them in both formats, and reads them

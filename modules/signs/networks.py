@@ -58,13 +58,13 @@ def find(folder: str) -> Networks:
 
 
 def metadata(path: Path) -> dict[str, str]:
-    """What an ONNX file says about itself."""
+    """The metadata of an ONNX file."""
     content = memoryview(path.read_bytes())
     try:
         entries = [dict(_fields(value)) for number, value in _fields(content) if number == _METADATA]
         return {bytes(entry[1]).decode(): bytes(entry[2]).decode() for entry in entries}
     except (IndexError, KeyError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path} does not say which characters it knows: {error!r}") from error
+        raise ConfigurationError(f"{path} does not list the characters that it reads: {error!r}") from error
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:

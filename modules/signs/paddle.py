@@ -22,7 +22,7 @@ _MULTIPLE = 32
 
 
 class Paddle:
-    """Reads lines of text; of the 18,000 characters that it knows, only those of `SIGNS` are reported."""
+    """Reads lines of text; of the 18,000 characters that it supports, only those of `SIGNS` are reported."""
 
     def __init__(self, network: cv2.dnn.Net, characters: Sequence[str]) -> None:
         known = ["", *characters]

@@ -65,7 +65,7 @@ class Rendered:
 
     @property
     def text(self) -> str:
-        """What the sign says."""
+        """The text of the sign."""
         return "".join(box.label for box in self.boxes)
 
 

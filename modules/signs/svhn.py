@@ -82,7 +82,7 @@ def digits(path: Path) -> tuple[Image, list[str]]:
     except Exception as error:  # a damaged file raises all kinds of errors in SciPy
         raise SvhnError(f"{path}: not SVHN's format 2 (MATLAB 5, with X and y): {_said(error)}") from error
     if pictures.dtype != np.uint8 or pictures.ndim != 4 or pictures.shape[:3] != (SIDE, SIDE, 3):
-        raise SvhnError(f"{path}: X is {pictures.dtype} {pictures.shape}, allowed: uint8 (32, 32, 3, count)")
+        raise SvhnError(f"{path}: X is {pictures.dtype} {pictures.shape}: expected uint8 (32, 32, 3, count)")
     if len(labels) != pictures.shape[3]:
         raise SvhnError(f"{path}: {pictures.shape[3]} pictures and {len(labels)} labels")
     try:

@@ -73,17 +73,17 @@ def _load(path: Path, read: Callable[[dict[str, Any]], Read]) -> Read:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
         return read(yaml.safe_load("\n".join(line for line in lines if not line.startswith("%YAML:"))))
     except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
-        raise CalibrationError(f"{path}: no calibration that is known: {error}") from error
+        raise CalibrationError(f"{path}: not a valid calibration: {error}") from error
 
 
 def _camera(document: dict[str, Any]) -> Camera:
     model, lens = document["camera_model"], document["distortion_model"]
     if model != "pinhole" or lens not in LENSES:
-        raise ValueError(f"{model} cameras with {lens} distortion are not allowed: pinhole with {' or '.join(LENSES)}")
+        raise ValueError(f"invalid model {model} with {lens} distortion: expected pinhole with {' or '.join(LENSES)}")
     fu, fv, cu, cv = _numbers(document, "intrinsics", 4)
     width, height = _numbers(document, "resolution", 2)
     if min(fu, fv, width, height) <= 0:
-        raise ValueError(f"intrinsics {fu, fv, cu, cv} of {width:g} x {height:g} pixels are not allowed: above 0")
+        raise ValueError(f"invalid intrinsics {fu, fv, cu, cv} of {width:g} x {height:g} pixels: expected above 0")
     return Camera(
         matrix=np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]]),
         distortion=_numbers(document, "distortion_coefficients", 4),
@@ -133,12 +133,12 @@ class Rectifier:
 def _rectification(left: Camera, right: Camera, right_from_left: Floats) -> tuple[Floats, ...]:
     """Rotations of both cameras, and their projections afterwards."""
     if left.fisheye != right.fisheye or left.size != right.size:
-        raise CalibrationError("cam0 and cam1 differ in lens or resolution, and a pair must not")
+        raise CalibrationError("cam0 and cam1 differ in lens or resolution: expected a pair of equal cameras")
     across, down, ahead = np.linalg.inv(right_from_left)[:3, 3]
     if across <= max(abs(down), abs(ahead)):
         raise CalibrationError(
             f"cam1 is {across:.3g} m to the right of cam0, {down:.3g} m below and {ahead:.3g} m ahead of it; "
-            "it must be mainly to the right of it"
+            "expected it mainly to the right of cam0"
         )
     intrinsics = (left.matrix, left.distortion, right.matrix, right.distortion, left.size)
     turn, shift = right_from_left[:3, :3].copy(), right_from_left[:3, 3:].copy()  # OpenCV wants them in one piece

@@ -1,4 +1,4 @@
-"""`python -m modules.slam.comparison FOLDER...`: SLAM beside a baseline, on recorded sequences with ground truth.
+"""`python -m modules.slam.comparison FOLDER...`: compare SLAM with a baseline, on recorded sequences with ground truth.
 
 Each FOLDER is a stereo sequence in EuRoC's layout or KITTI's, with its own calibration. Every picture is processed, one
 after the other on one core, so what is measured is how exact the poses are and what CPU they take, not whether they

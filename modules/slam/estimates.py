@@ -85,7 +85,7 @@ class Estimate:
 
 
 def listen(session: zenoh.Session, key: str, ended: threading.Event, seconds: float | None) -> Estimate:
-    """What a module says until `ended` is set or the time is over."""
+    """The poses that a module publishes until `ended` is set or the time is over."""
     estimate = Estimate()
     subscriber = session.declare_subscriber(key, lambda sample: estimate.hear(sample.payload.to_bytes()))
     ended.wait(seconds)

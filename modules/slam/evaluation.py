@@ -1,4 +1,4 @@
-"""`python -m modules.slam.evaluation TRUTH [POSES]`: how exact poses are, in figures that evo would print.
+"""`python -m modules.slam.evaluation TRUTH [POSES]`: measure the accuracy of poses, with the same figures as evo.
 
 TRUTH is the folder of a sequence in the layout of EuRoC or KITTI, or a TUM file. The poses are those of a TUM file, of
 the module that runs on the robot's bus (--live), or of SLAM over the sequence's pictures, run here (--run).
@@ -51,7 +51,8 @@ def evaluate(poses: Trajectory, truth: Trajectory, delta: float = 1, unit: Unit 
     """ATE in metres, RPE in metres and degrees per delta, the end's drift in metres and as a part of the path."""
     estimated, true = associate(poses, truth)
     if len(estimated) < 3:
-        raise TrajectoryError(f"{len(estimated)} of {len(poses)} poses are within 0.01 s of the ground truth, 3 needed")
+        near = f"{len(estimated)} of {len(poses)} poses are within 0.01 s of the ground truth"
+        raise TrajectoryError(f"{near}: expected at least 3")
     shifts, turns = relative_errors(estimated, true, delta, unit)
     if not len(shifts):
         raise TrajectoryError(f"no two poses are {delta:g} {unit} apart: choose a smaller --delta")
@@ -71,7 +72,7 @@ def quality(text: str) -> float:
     """Read an option: the quality that robotkit sets, above 0 and at most 1."""
     value = float(text)
     if not 0 < value <= 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, allowed is a number above 0 and at most 1")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a number above 0 and at most 1")
     return value
 
 

@@ -53,7 +53,7 @@ class Edge:
         return sigmas
 
     def misfit(self, poses: Mapping[int, Floats]) -> float:
-        """Square of how far the poses are from what the edge says, in standard deviations."""
+        """Squared distance of the poses from the edge's measurement, in standard deviations."""
         error = inverse(self.first_from_second) @ inverse(poses[self.first]) @ poses[self.second]
         turn, shift = self.sigmas[[0, 3]]
         return float((angle(error) / turn) ** 2 + (moved(error) / shift) ** 2)
@@ -119,7 +119,7 @@ class PoseGraph:
     def uncertainties(self, known: Mapping[int, Floats]) -> dict[int, Floats]:
         """Covariances of all keyframes that edges lead to from those whose covariance is known, along the surest way.
 
-        It is at most as good as what all ways together would say.
+        It is at most as good as what all ways together would give.
         """
         found = dict(known)
         waiting = [(_spread(covariance), number) for number, covariance in known.items()]

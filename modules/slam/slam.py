@@ -178,7 +178,7 @@ class StereoSlam:
         return True
 
     def _confirm(self, picture: Picture, beside: Picture, fixes: list[Fix]) -> str | None:
-        """Let the second picture correct the best fix, or say why both cameras contradict each other."""
+        """Correct the best fix by the second picture, or return why the two cameras contradict each other."""
         if not fixes:
             return None
         confirmed = self._tracker.confirm(fixes[0], picture, beside)

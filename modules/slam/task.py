@@ -83,5 +83,7 @@ def _picture(encoded: bytes, size: tuple[int, int]) -> Image:
     picture = decoded(encoded, gray=True)
     height, width = picture.shape
     if (width, height) != size:
-        raise MessageError(f"a picture of {width} x {height} pixels; the calibration is for {size[0]} x {size[1]}")
+        raise MessageError(
+            f"a picture of {width} x {height} pixels: expected {size[0]} x {size[1]}, as in the calibration"
+        )
     return picture

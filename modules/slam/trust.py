@@ -64,5 +64,5 @@ def stereo_doubt(fix: Fix, confirmed: Fix) -> str | None:
 
 
 def depth_doubt(known: int, corners: int) -> str | None:
-    """Why the cameras may not be where the calibration says, by how many of a keyframe's corners have a depth."""
+    """Why the calibration may be wrong, judged by how many of a keyframe's corners have a depth."""
     return "cameras disagree" if known < MATCHED * corners else None

@@ -65,7 +65,7 @@ def confusable(command: str, count: int) -> tuple[str, ...]:
 
 
 def holds_command(word: str) -> bool:
-    """Whether a command is to be heard in a word, such as in "copyright" and "stopped"."""
+    """Whether a word contains the sound of a command, such as "copyright" and "stopped"."""
     return word in _holding()
 
 

@@ -1,11 +1,11 @@
-"""`python -m modules.speech.evaluation`: how many commands are heard, and how many are invented.
+"""`python -m modules.speech.evaluation`: measure detected commands and false alarms.
 
---words FOLDER...      folders of clips, in folders named after words: how often commands are heard, and what in others
---connected FOLDER...  speech without commands, or noise; files, too: false alarms a minute
---part held-out        only the speakers and sources on which nothing may be chosen; or --part tuning, those for
+--words FOLDER...      folders of clips, in folders named after words: how often commands are detected, and in others
+--connected FOLDER...  speech without commands, or noise (files too): false alarms a minute
+--part held-out        only the speakers and sources that no choice was based on; or --part tuning, those for
                        thresholds; or --part training, the others (parts.py has the rule)
---tune                 which threshold hears nine of ten clips of each command, and what it and its neighbours invent
---weights FILE         the networks that training.py wrote there, with the thresholds of the shipped ones
+--tune                 the threshold that detects nine of ten clips of each command, and its false alarms
+--weights FILE         networks that training.py wrote there, with the thresholds of the shipped ones
 --synthetic            the generated test set (other texts, sizes and rooms than those of the training)
 """
 

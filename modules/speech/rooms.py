@@ -1,4 +1,4 @@
-"""Rooms and microphones: speech as it is heard with echo and noise, and sound in which nobody speaks."""
+"""Rooms and microphones: speech with echo and noise, and sound without speech."""
 
 from __future__ import annotations
 

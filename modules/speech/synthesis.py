@@ -49,7 +49,7 @@ def speak(text: str, voice: str, *, size: float = 1, tempo: float = 1) -> Sample
             samples = np.frombuffer(audio.readframes(audio.getnframes()), "<i2").astype(np.float64)
     loudest = float(np.abs(samples).max(initial=0))
     if loudest == 0:
-        raise SpeechError(f"voice {voice} said nothing: install the packages flite, festival and its voices")
+        raise SpeechError(f"voice {voice} produced no sound: install the packages flite, festival and its voices")
     louder: Samples = samples * (PEAK / loudest)
     return louder
 

@@ -1,7 +1,7 @@
-"""`python -m modules.transcript.accuracy [FILE.wav ...]`: how many words the engine gets wrong.
+"""`python -m modules.transcript.accuracy [FILE.wav ...]`: measure how many words the engine gets wrong.
 
-Each recording (16 kHz, 16 bit, mono) has its text beside it, in FILE.txt. Without any, flite's voices ask the chatbot's
-questions and read sentences. The engine is chosen as in the module: STT_ENGINE, STT_MODEL.
+Each recording (16 kHz, 16 bit, mono) needs its text beside it, in FILE.txt. Without recordings, flite's voices ask the
+chatbot's questions and read sentences. The engine is chosen as in the module: STT_ENGINE, STT_MODEL.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def edits(said: Sequence[str], hypothesis: Sequence[str]) -> int:
 
 
 def judge(recordings: Iterable[tuple[Samples, str]], ears: Engine) -> Score:
-    """Let the engine hear each recording as the module does, an utterance at a time."""
+    """Feed each recording to the engine as the module does, an utterance at a time."""
     score = Score()
     for sound, text in recordings:
         gate = Gate(longest=LONGEST_S, overlap=0)
@@ -80,7 +80,7 @@ def recorded(paths: Iterable[Path]) -> Iterator[tuple[Samples, str]]:
         try:
             text = path.with_suffix(".txt").read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise RecordingError(f"{path}: what is said is not known: {error}") from error
+            raise RecordingError(f"{path}: the spoken text can't be read: {error}") from error
         yield load(path), text
 
 

@@ -16,7 +16,7 @@ LONGEST_S = 10.0
 
 
 class Transcript(Task):
-    """Publishes what was said, utterance by utterance; an utterance ends with 0.3 s of silence."""
+    """Publishes the spoken text, utterance by utterance; an utterance ends with 0.3 s of silence."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine

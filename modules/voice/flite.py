@@ -1,4 +1,4 @@
-"""Text to sound with flite: a small program of Debian whose voices are inside it."""
+"""Text to sound with flite, a small program of Debian that includes its voices."""
 
 from __future__ import annotations
 

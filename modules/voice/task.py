@@ -36,7 +36,7 @@ def _text(payload: bytes) -> str:
         message = json_text.loads(payload)
         text = message["text"]
     except (ValueError, KeyError, TypeError) as error:
-        raise MessageError(f"not an object with a text: {error!r}") from error
+        raise MessageError(f"not an object with the field text: {error!r}") from error
     if not isinstance(text, str):
-        raise MessageError(f"text: invalid value {text!r}: expected a text")
+        raise MessageError(f"text: invalid value {text!r}: expected a string")
     return text.strip()

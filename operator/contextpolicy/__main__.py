@@ -1,4 +1,4 @@
-"""The program: `contextpolicy`, which `python -m contextpolicy` is too."""
+"""The program `contextpolicy`, also run as `python -m contextpolicy`."""
 
 import signal
 import sys
@@ -7,8 +7,8 @@ import sys
 def main() -> int:
     """Run the command line; returns the exit code.
 
-    While it is loaded, and when it has ended, Ctrl-C ends the process as it ends other programs: nobody is there to
-    catch a KeyboardInterrupt. A process that ignores SIGINT keeps ignoring it.
+    While it is loaded, and when it has ended, Ctrl-C ends the process as it ends other programs, without a
+    KeyboardInterrupt that nothing would catch. A process that ignores SIGINT keeps ignoring it.
     """
     ours = signal.getsignal(signal.SIGINT)
     if ours is signal.default_int_handler:

@@ -124,7 +124,7 @@ def unexpected(error: Exception) -> ActuationError:
 
 
 class OrderError(ContextPolicyError):
-    """The node agent's refusal to obey: `reason` is a CamelCase word, the label under which refusals are counted.
+    """The node agent's refusal of a message: `reason` is a CamelCase word, the label under which refusals are counted.
 
     `signed` is when the operator signed the message, in ns since 1970, where only its age speaks against it.
     """

@@ -42,7 +42,7 @@ def test_policies_are_distinguished(reported):
 
 def test_dry_run_logs_an_uncapped_task(reported):
     DryRun().apply(Order("lab/robot", frozenset(["slam"]), {"slam": 1500}, limits={"slam": None}))
-    assert reported.messages == ["dry run: lab/robot would give slam a share of 1500m and the limit it had"]
+    assert reported.messages == ["dry run: lab/robot would give slam a share of 1500m and its original limit"]
 
 
 @pytest.mark.parametrize("leave", [DryRun.abandon, lambda dry_run, policy: dry_run.release(policy, lambda: None)])

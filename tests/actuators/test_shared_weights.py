@@ -43,7 +43,7 @@ def plan(policy, placement):
     return story.last
 
 
-def test_requests_fit_beside_a_guaranteed_pod_whose_own_never_moves():
+def test_requests_fit_beside_a_guaranteed_pod_with_a_fixed_request():
     policy = weighted(a_task("slam"), a_task("speech", priority=9), a_task("map"))
     resources = {
         "slam": cpu("1500m", "1500m", ("64Mi", "64Mi")),

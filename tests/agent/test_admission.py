@@ -156,7 +156,7 @@ def test_a_plan_of_a_former_source_is_not_admitted_again(admission):
         admission.admit(an_order(run=1), first)
         admission.admit(an_order(run=2), second)
         leave(POLICY)
-        with pytest.raises(OrderError, match="before the latest one accepted"):
+        with pytest.raises(OrderError, match="before the latest plan accepted"):
             admission.admit(an_order(run=1), first)
         admission.forget(POLICY)
 
@@ -165,7 +165,7 @@ def test_the_last_plan_of_a_forgotten_policy_is_not_admitted_again(admission):
     at = next(TIMES)
     assert admission.admit(an_order(a_target()), at)
     admission.forget(POLICY)
-    with pytest.raises(OrderError, match=r"0\.000 s before the latest one accepted"):
+    with pytest.raises(OrderError, match=r"0\.000 s before the latest plan accepted"):
         admission.admit(an_order(a_target()), at)
     assert admission.admit(an_order(a_target()), at + 1)
 
@@ -177,7 +177,7 @@ def test_only_replay_protection_outlives_a_policy(admission):
         admission.lose_source(policy)
         admission.forget(policy)
         for recent in (policy, f"robot/policy{max(0, number - 1)}"):
-            with pytest.raises(OrderError, match="before the latest one accepted"):
+            with pytest.raises(OrderError, match="before the latest plan accepted"):
                 admission.admit(an_order(policy=recent), max(1, number) * REPEATABLE)
     remembered = [known for known in vars(admission).values() if isinstance(known, dict | set)]
     assert max(len(known) for known in remembered) <= 2
@@ -187,7 +187,7 @@ def test_a_withdrawal_counts_only_after_the_plan_that_it_withdraws(admission):
     first, second, third = next(TIMES), next(TIMES), next(TIMES)
     admission.admit(an_order(), second)
     for too_early in (first, second, second - REPEATABLE - 1):
-        with pytest.raises(OrderError, match="before the latest one accepted"):
+        with pytest.raises(OrderError, match="before the latest plan accepted"):
             admission.withdraw(POLICY, too_early)
     admission.withdraw(POLICY, third)
 
@@ -203,7 +203,7 @@ def test_clock_set_back_does_not_lock_out_new_orders(admission):
     now = next(TIMES)
     admission.admit(an_order(run=5), now)
     admission.lose_source(POLICY)
-    with pytest.raises(OrderError, match=r"20\.000 s before the latest one accepted"):
+    with pytest.raises(OrderError, match=r"20\.000 s before the latest plan accepted"):
         admission.admit(an_order(run=4), now - REPEATABLE)
     assert admission.admit(an_order(run=4), now - REPEATABLE - 1)
 

@@ -293,7 +293,7 @@ def test_a_plan_that_is_carried_out_is_confirmed_and_a_refused_one_is_not(agent,
     assert agent.hear(POLICY, a_message(a_target(SLAM, 64), sequence=2)) is None
 
 
-def test_policies_that_swap_containers_are_carried_out_when_the_first_says_so_again(tree, agent, slam, speech):
+def test_policies_that_swap_containers_are_carried_out_when_the_first_repeats_its_plan(tree, agent, slam, speech):
     """The operator publishes first to one, then to the other, and to the first once more."""
     other = "robot/other"
     mine, theirs = a_target(SLAM, 0.2), a_target(SPEECH, 0.3, task="speech")

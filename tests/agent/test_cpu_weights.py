@@ -215,7 +215,7 @@ def test_restarted_agent_restores_the_original_weights(tree, weights, slam, spee
 
 
 @pytest.mark.usefixtures("klass")
-def test_the_next_run_undoes_a_policy_that_it_never_hears_of(tree, weights, slam, speech, restarted):
+def test_the_next_run_undoes_a_policy_without_a_plan(tree, weights, slam, speech, restarted):
     before = everything(tree)
     weights.apply(POLICY, {slam: 990, speech: 50}, {})
     restarted().release(POLICY)
@@ -292,7 +292,7 @@ def test_sidecar_counts_as_its_request_whichever_way_its_runtime_converts_that(t
 @V2
 @LINEAR
 @pytest.mark.usefixtures("klass")
-def test_restarted_agent_knows_the_conversion_from_the_journal(tree, weights, slam, sidecar, restarted):
+def test_restarted_agent_restores_the_conversion_from_the_journal(tree, weights, slam, sidecar, restarted):
     weights.apply(POLICY, {slam: 300}, {slam: 100})
     restarted().apply(POLICY, {slam: 500}, {slam: 100})
     assert tree.weight(slam) == tree.weight(sidecar)

@@ -52,14 +52,14 @@ def test_a_plan_that_arrives_without_a_source_postpones_nothing():
     assert given.up == [(POLICY, GRACE)]
 
 
-def test_a_source_that_proves_nothing_is_given_up_however_often_somebody_speaks_for_it(given):
+def test_an_unproven_source_is_given_up_however_many_messages_come(given):
     for _ in range(4):
         given.sources.doubt(POLICY)
         given.wait(3)
     assert given.up == [(POLICY, GRACE)]
 
 
-def test_a_plan_that_its_source_says_again_holds(given):
+def test_a_plan_that_its_source_repeats_holds(given):
     given.sources.doubt(POLICY)
     given.wait(GRACE - 1)
     given.sources.hold(POLICY)

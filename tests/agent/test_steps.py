@@ -57,7 +57,7 @@ def test_a_pod_with_a_limit_of_its_own_keeps_it_and_its_containers_are_within():
     assert limit_steps(pods) == [LimitStep(B, 100), LimitStep(A, 600)]
 
 
-def test_a_pod_with_a_limit_of_its_own_that_nobody_enforces_bounds_nothing():
+def test_an_unenforced_limit_of_a_pod_bounds_nothing():
     pods = [PodLimits(POD, None, 0, {A: (300, 990), B: (300, None)}, owned=True)]
     assert limit_steps(pods) == [LimitStep(A, 990), LimitStep(B, None)]
 

@@ -137,7 +137,7 @@ def test_standby_is_ready_once_it_sees_a_renewal(cluster, replica, reported):
     assert not cluster.policies_listed.wait(1)
     assert (cluster.holder("lab", NAMESPACE_LEASE), cluster.written) == (None, [])
     assert not standby.supervisor._leadership.may_act("lab")
-    assert standby.page("readyz") == (503, "this replica does not hold the Lease, and none was seen renewing it\n")
+    assert standby.page("readyz") == (503, "this replica does not hold the Lease and has seen no other renew it\n")
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60, renewTime="later")
     until(lambda: standby.page("readyz")[0] == 200)
     assert standby.page("readyz") == standby.page("healthz") == (200, "ok\n")
@@ -206,7 +206,7 @@ def test_a_namespace_without_its_role_is_reported_and_the_others_are_served(clus
     assert one.page("readyz") == (200, "ok\n")
 
 
-def test_a_policy_made_and_deleted_over_and_over_stops_kopf_for_nobody(cluster, replica, reported, monkeypatch):
+def test_a_policy_created_and_deleted_repeatedly_does_not_interrupt_kopf(cluster, replica, reported, monkeypatch):
     """Each time kopf was stopped and started for all namespaces, which broke off others' edits and deletions."""
     kopf = []
 

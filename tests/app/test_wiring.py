@@ -267,7 +267,7 @@ def test_originals_forged_during_downtime_are_not_trusted(running, forgery):
     running.apply(a_policy())
     running.settle()
     [reported] = [message for reason, message in running.reported() if reason == "OriginalsUnproven"]
-    assert "ReplicaSet slam-7d9f says request 10m, limit 400m, which counts" in reported
+    assert "using request 10m, limit 400m from ReplicaSet slam-7d9f" in reported
     done = running.delete(a_policy())
     running.settle()
     assert (done.done(), running.limits()) == (True, {"slam": 400, "speech": 400})
@@ -280,7 +280,7 @@ def test_deleted_policy_with_emptied_originals_restores_from_the_owner(running):
     assert done.done()
     assert running.limits()["slam"] == 400
     reported = dict(running.reported())["OriginalsUnproven"]
-    assert "lab/slam/slam: status.originals no longer has an entry; ReplicaSet slam-7d9f says" in reported
+    assert "lab/slam/slam: status.originals no longer has an entry; using request 10m, limit 400m from" in reported
     assert (
         "lab/speech/speech: status.originals no longer has an entry; no owner of the pod states its original"
         in reported

@@ -243,7 +243,7 @@ def test_an_agent_that_ends_before_its_token_is_looked_for_is_given_up():
     assert bus.changes == [{}]
 
 
-def test_a_watch_that_is_closed_hears_no_tokens():
+def test_a_closed_watch_receives_no_tokens():
     bus = Bus()
     bus.watch.close()
     bus.session.agent(NODE, a_report())
@@ -399,7 +399,7 @@ def test_agent_that_replaces_another_in_time_must_confirm_the_plan_too(bus):
     assert bus.changes == [{NODE: NOT_CONFIRMING}]
 
 
-def test_an_agent_that_has_a_plan_to_confirm_hears_no_other(bus):
+def test_an_agent_that_has_a_plan_to_confirm_receives_no_other(bus):
     bus.watch.look(NODE)
     bus.publish(1, 1, 0)
     bus.turn()

@@ -52,7 +52,7 @@ class Bus:
 
 @pytest.mark.parametrize("listener", ["module", "operator"])
 @pytest.mark.parametrize("speaker", ["sensor", "module"])
-def test_samples_are_heard(bus, speaker, listener):
+def test_samples_are_received(bus, speaker, listener):
     with Heard(bus(listener), SAMPLE) as heard:
         heard.until(bus(speaker), SAMPLE, "sample")
 
@@ -74,7 +74,7 @@ def test_latched_samples_reach_late_subscribers(bus):
 
 
 @pytest.mark.parametrize("listener", ["module", "agent", "viewer"])
-def test_plans_are_heard_and_answered(bus, listener):
+def test_plans_are_received_and_queries_answered(bus, listener):
     operator = bus("operator")
     with Heard(bus(listener), "contextpolicy/*/*/plan") as heard:
         heard.until(operator, PLAN, "plan")

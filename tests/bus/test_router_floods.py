@@ -134,7 +134,7 @@ FLOODS = {"samples": put("robot/camera"), "latched samples": put("robot/camera/@
 
 @pytest.mark.usefixtures("router")
 @pytest.mark.parametrize("flood", [*FLOODS.values(), reply], ids=[*FLOODS, "replies"])
-def test_a_client_that_does_not_read_holds_up_nobody(port, flood):
+def test_a_client_that_does_not_read_delays_no_other_client(port, flood):
     """Queries, replies and latched topics made the router wait for it, and all others for the router, for 5 to 10 s.
 
     The router then gave it up, which it need not do if it does not wait for it.

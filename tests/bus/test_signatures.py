@@ -94,7 +94,7 @@ def test_an_invalid_private_key_leaves_the_last_one_in_force(keys, signer, verif
 
 
 @pytest.mark.parametrize("content", [None, b"", b"nonsense"])
-def test_missing_or_invalid_certificates_authenticate_nobody(keys, signer, content):
+def test_missing_or_invalid_certificates_authenticate_no_sender(keys, signer, content):
     """The one that was there may have been taken out because somebody else had its key."""
     clock = iter(range(100))
     verifier, before = Verifier(keys, lambda: next(clock)), (keys / "tls.crt").read_bytes()
@@ -109,7 +109,7 @@ def test_missing_ed25519_key_is_an_error(tmp_path):
     elliptic = Authority(tmp_path).issue("operator")
     for directory in (tmp_path / "nothing", elliptic):
         for side in (Signer, Verifier):
-            with pytest.raises(SigningKeyError, match=r"tls\.(key|crt): no Ed25519 key"):
+            with pytest.raises(SigningKeyError, match=r"tls\.(key|crt): expected an Ed25519 key"):
                 side(directory)
 
 

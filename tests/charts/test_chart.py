@@ -103,8 +103,11 @@ def test_crd_is_deleted_with_the_release_if_not_kept(render):
         (("router.port=80",), "router/port"),
         (("operator.resources.requests.cpu=lots",), "operator/resources/requests/cpu"),
         (("watchNamespaces={Robot}",), "watchNamespaces/0"),
-        (("agent.enabled=true", "security.enabled=false"), "leave security.enabled=true, or set agent.enabled=false"),
-        (("security.routerSecret=mine",), "one authority signs all"),
+        (
+            ("agent.enabled=true", "security.enabled=false"),
+            "it needs security.enabled=true; or set agent.enabled=false",
+        ),
+        (("security.routerSecret=mine",), "the same authority must sign all certificates"),
         (("security.enabled=null",), "missing property 'enabled'"),
         (("security.sampleKeys={robot//imu}",), "security/sampleKeys/0"),
         (("router.uplink={tls/fleet:7447}",), "set security.enabled=true and name a Secret of the fleet's authority"),

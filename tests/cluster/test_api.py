@@ -160,7 +160,7 @@ def test_objects_of_all_namespaces_or_of_one_are_listed(api, server, kind, names
 def test_malformed_list_is_an_error(api, server, answer):
     """A proxy answers, or a server of another kind."""
     server.answer = 200, answer
-    with pytest.raises(ActuationError, match=r"not the JSON object that was asked for: .+$") as caught:
+    with pytest.raises(ActuationError, match=r"expected the JSON object that was requested: .+$") as caught:
         list(api.policies(None))
     assert (caught.value.reason, caught.value.retriable) == ("Unreadable", True)
 

@@ -159,7 +159,7 @@ def test_conditions_are_those_of_an_operator_that_serves(served, verdict, seen):
     ("deployments", "seen", "remedy"),
     [
         ([], "not installed", "helm install contextpolicy charts/contextpolicy"),
-        (None, "no pod", "if `helm list -A` has no release of it: helm install contextpolicy charts/contextpolicy"),
+        (None, "no pod", "if `helm list -A` shows no release: helm install contextpolicy charts/contextpolicy"),
         (
             [{"metadata": {"namespace": "system", "name": "ctxp"}, "spec": {"replicas": 0}}],
             "no pod: Deployment system/ctxp wants 0 replicas",
@@ -176,4 +176,4 @@ def test_remedy_for_a_missing_operator_fits_the_installation(deployments, seen, 
     checks = {one.subject: one for one in checkup(replace(WELL, operators=[], lacking=None, deployments=deployments))}
     assert (checks["operator"].seen, checks["operator"].remedy) == (seen, remedy)
     rights = checks["operator's rights"]
-    assert (rights.verdict, rights.remedy) == ("unknown", "start one, and look again")
+    assert (rights.verdict, rights.remedy) == ("unknown", "start one, then run `doctor` again")

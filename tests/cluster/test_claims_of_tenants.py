@@ -35,8 +35,8 @@ def test_tiny_pod_in_another_namespace_leaves_the_robot_its_cpu():
     assert claims["lab/robot"].placement.left == {NODE: 800}
     assert claims["elsewhere/robot"].placement.left == {NODE: 10}
     assert claims["elsewhere/robot"].shared == {
-        NODE: f"node {NODE}: no priority decides between elsewhere and lab, so it divides 10m: the sum of its "
-        "containers' limits, or its part by their requests where they don't fit"
+        NODE: f"node {NODE}: elsewhere and lab have equal priority, so this policy divides 10m: the sum of its "
+        "containers' limits, or its portion by requests where those don't fit"
     }
 
 

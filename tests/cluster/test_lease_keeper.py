@@ -127,7 +127,7 @@ def test_terminating_namespace_is_left_to_the_release_that_held_its_lease(api, s
         step(candidacy)
         now[0] = max(now[0], candidacy.due)
     assert candidacy.held is acts
-    assert candidacy.refused == ("" if acts else "it is being deleted, and other serves it until it is gone")
+    assert candidacy.refused == ("" if acts else "it is being deleted, and other serves it until then")
 
 
 def test_a_pause_counts_also_where_the_namespace_is_being_deleted(api, now):

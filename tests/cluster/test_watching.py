@@ -190,7 +190,7 @@ def test_failures_are_logged_once_and_their_end(caplog):
     caplog.set_level(logging.INFO)
     follow(UNREACHABLE, UNREACHABLE, {"kind": "Status"}, a_list())
     messages = [record.getMessage() for record in caplog.records if record.name == watching.__name__]
-    assert messages == ["/pods can't be watched, retrying: nobody there", "/pods: watch re-established"]
+    assert messages == ["/pods: watch failed, retrying: nobody there", "/pods: watch re-established"]
 
 
 class RefusedAfterTheEnd(Response):
@@ -241,7 +241,7 @@ def test_dead_watch_thread_is_detected():
     watch = ObjectWatch(Api(a_list(an_item("slam"))), "/pods", Ends())
     watch.start()
     watch._thread.join(PATIENCE)
-    with pytest.raises(RuntimeError, match="/pods is not watched any more"):
+    with pytest.raises(RuntimeError, match="/pods is no longer watched"):
         watch.check()
 
 

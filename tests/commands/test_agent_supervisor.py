@@ -186,7 +186,7 @@ def test_stopping_supervisor_keeps_the_limits_of_a_live_agent(node):
     wanted = node.limits()
     supervisor = node.supervisor("--patience=0.1")
     ask_to_end(supervisor)
-    said(supervisor, "the agent is still alive")
+    said(supervisor, "the agent is still running")
     assert supervisor.wait(PATIENCE) == 0
     assert node.limits() == wanted
 

@@ -90,7 +90,7 @@ def test_unset_clock_issues_no_expired_certificate(now, capsys):
     cluster = Cluster()
     certificates.renew(cluster, RELEASE, now, NOW)
     assert end(cluster.secrets[RELEASE.places()[1]].files["tls.crt"]) == NOW + LIFETIME
-    assert capsys.readouterr().out.startswith(f"the clock must be wrong, it says {now:%F}: nothing is renewed")
+    assert capsys.readouterr().out.startswith(f"the clock shows {now:%F}, which must be wrong: nothing is renewed")
     assert certificates.built() >= NOW
 
 
@@ -100,7 +100,7 @@ def test_a_clock_that_is_far_ahead_changes_nothing(capsys):
     before = dict(cluster.secrets)
     certificates.renew(cluster, RELEASE, datetime(2106, 2, 7, tzinfo=UTC), NOW)
     assert cluster.secrets == before
-    assert "the clock must be wrong, it says 2106-02-07: nothing is renewed" in capsys.readouterr().out
+    assert "the clock shows 2106-02-07, which must be wrong: nothing is renewed" in capsys.readouterr().out
 
 
 ROBOTS = [Place("robot", "ctxp-bus-sensor"), Place("robot", "ctxp-bus-module")]
@@ -137,7 +137,9 @@ def test_missing_secret_of_a_robot_keeps_no_other_from_being_renewed(capsys):
     cluster, good = renewed_beside(lambda cluster: cluster.secrets.pop(ROBOTS[0]))
     assert (sorted(cluster.written), good) == (own_and(ROBOTS[1]), False)
     written = capsys.readouterr().err
-    assert "robot/ctxp-bus-sensor: NOT written: no Secret ctxp-bus-sensor; if it exists, delete it" in written
+    assert (
+        "robot/ctxp-bus-sensor: NOT written: no Secret ctxp-bus-sensor; if it exists, delete it and upgrade" in written
+    )
 
 
 def test_immutable_secret_of_a_robot_keeps_no_other_from_being_renewed(capsys):
@@ -156,7 +158,7 @@ def test_whatever_a_robots_secret_holds_is_replaced(content):
     assert (sorted(cluster.written), good) == (own_and(*ROBOTS), True)
 
 
-def test_secret_of_a_robot_says_nothing_about_the_time(capsys):
+def test_secret_of_a_robot_does_not_affect_the_time(capsys):
     """It would have an authority made that ends after the year 9999, which is an error."""
     cluster = Cluster()
     cluster.secrets[ROBOTS[0]] = Secret({"tls.crt": an_end(9998)}, "1")
@@ -208,10 +210,10 @@ class _Opened:
 @pytest.mark.parametrize(
     ("pods", "said"),
     [
-        ((), "no operator is here"),
+        ((), "no operator found"),
         ((pod(""),), "the bus is open"),
         ((pod("mine"),), r"your own \(Secret system/mine\)"),
-        ((pod(), pod(namespace="canary")), "several releases run here: name the namespace of one with -n: canary, sys"),
+        ((pod(), pod(namespace="canary")), "several releases run here: choose the namespace of one with -n: canary"),
         ((pod("gone-bus-operator"),), "Secret system/gone-bus-sensor can't be read: no Secret"),
         ((pod(),), "Secret system/ctxp-bus-sensor is empty: the Job"),
     ],

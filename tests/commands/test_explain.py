@@ -27,7 +27,7 @@ def explain(capsys: pytest.CaptureFixture[str], policy: str, *arguments: str) ->
 def test_a_task_that_a_context_suspends(capsys: pytest.CaptureFixture[str]) -> None:
     assert explain(capsys, "delivery-robot", "speech", "--at", "12").splitlines()[:7] == [
         "speech gets 10m on node robot, the minimum: it is suspended.",
-        "  Plan 5 is in force for 1.9 s, caused by imu: context moving entered.",
+        "  Plan 5 has been in force for 1.9 s, caused by imu: context moving entered.",
         "  Activity `mic.level > 0.1` on mic is not in force: it is false, for `mic.level` is 0.006.",
         "  Its score is its idle score, 0.1.",
         "  Priority 10 times score 0.1 is 1.",
@@ -57,9 +57,7 @@ def test_redistribution(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_steps(capsys: pytest.CaptureFixture[str]) -> None:
     text = explain(capsys, "delivery-robot", "slam", "--at", "6")
-    assert (
-        "  Eq. 1 on node robot: 1700m * 1 / 11 = 154.5m.\n  Shares move in steps of 10m, which makes it 150m.\n" in text
-    )
+    assert "  Eq. 1 on node robot: 1700m * 1 / 11 = 154.5m.\n  Rounded to steps of 10m, its share is 150m.\n" in text
 
 
 def test_graph_needs_and_preconditions(capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,8 +67,8 @@ def test_graph_needs_and_preconditions(capsys: pytest.CaptureFixture[str]) -> No
         "  speech-recognition is compound: it needs all of keyword-spotting, transcript; the share is theirs.\n" in text
     )
     assert "  It is a subtask of speech-recognition, whose weight is split over the subtasks that can run.\n" in text
-    assert "  It needs 1000m of CPU, it gets 600m: not met.\n" in text
-    assert "  It needs 2000m of CPU, it gets 60m: not met.\n" in text
+    assert "  It needs 1000m of CPU and gets 600m: not met.\n" in text
+    assert "  It needs 2000m of CPU and gets 60m: not met.\n" in text
     assert "does not hold, so it waits with weight 0: " in text
 
 
@@ -125,7 +123,7 @@ def test_json_is_the_structure_of_the_bus(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_explain_at_zero_shows_the_first_plan(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "is in force for 0 s" in explain(capsys, "speech-chatbot", "--at", "0")
+    assert "has been in force for 0 s" in explain(capsys, "speech-chatbot", "--at", "0")
 
 
 def test_task_on_an_infeasible_node_has_no_share(capsys: pytest.CaptureFixture[str]) -> None:
@@ -191,7 +189,7 @@ def test_no_router(free_endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: 
 @pytest.mark.parametrize("policy", ["policy.yaml", "config/policies/delivery-robot.yaml"])
 def test_a_policy_file_without_samples(command: str, policy: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([command, policy]) == 2
-    assert capsys.readouterr().err == f"{policy} is a file: give --timeline with the samples on which it decides\n"
+    assert capsys.readouterr().err == f"{policy} is a file: also pass --timeline with the samples to decide on\n"
 
 
 @pytest.mark.parametrize("command", [["explain", "delivery-robot"], ["why-not", "delivery-robot"], ["top"]])

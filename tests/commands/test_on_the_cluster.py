@@ -143,7 +143,7 @@ def test_the_mode(cluster, capsys, command, mode):
 def test_a_mode_already_set_is_not_patched(cluster, capsys):
     assert cli.main(["resume", "lab/robot"]) == 0
     assert cluster.patches == []
-    assert capsys.readouterr().out == "robot: is Enforce\n"
+    assert capsys.readouterr().out == "robot: already Enforce\n"
 
 
 def test_a_policy_that_is_not_there(cluster, capsys):
@@ -165,8 +165,8 @@ def test_a_context_is_forced_for_a_while(cluster):
     ("arguments", "expected"),
     [
         (["robot", "movng"], "unknown context 'movng': expected one of moving"),
-        (["robot"], "name a CONTEXT, or give --end"),
-        (["robot", "moving", "--end"], "name a CONTEXT, or give --end"),
+        (["robot"], "expected either a CONTEXT or --end"),
+        (["robot", "moving", "--end"], "expected either a CONTEXT or --end"),
     ],
 )
 def test_invalid_force_is_refused(cluster, capsys, arguments, expected):
@@ -456,7 +456,7 @@ def test_disguised_operator_pod_is_not_queried(cluster, forwarded, words):
 
 @pytest.mark.usefixtures("operator")
 @pytest.mark.parametrize("words", [*WORDS, ["top", "--once"]], ids=" ".join)
-def test_disguised_release_that_cannot_be_asked_keeps_nobody_from_the_real_one(cluster, forwarded, words, monkeypatch):
+def test_disguised_release_that_does_not_answer_does_not_hide_the_real_one(cluster, forwarded, words, monkeypatch):
     """A tenant's pod under a name of its own: its port is no number, or nothing answers there."""
     tenant, silent = an_operator("lab/fake", name="fake"), an_operator("lab/silent", name="silent")
     tenant["spec"]["containers"][0]["env"].append({"name": "LIVE_PORT", "value": "x"})
@@ -534,7 +534,7 @@ def test_recording_can_be_replayed(tmp_path, capsys):
 def test_recording_an_unknown_policy_suggests_status(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["record", "other"]) == 2
-    assert "runs no policy lab/other: `status -A` shows which there are" in capsys.readouterr().err
+    assert "runs no policy lab/other: `status -A` lists all policies" in capsys.readouterr().err
     assert list(tmp_path.glob("*-recorded")) == []
 
 

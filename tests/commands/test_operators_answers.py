@@ -48,7 +48,8 @@ def answer(listening: socket.socket, content: bytes) -> int:
 def test_missing_or_invalid_answer_is_an_error(listening: socket.socket, situation: str) -> None:
     ask = asker(answer(listening, ANSWERS[situation]))
     with pytest.raises(
-        ClusterAccessError, match=r"^the operator (does not answer|says): .+; see `doctor`, or try again$"
+        ClusterAccessError,
+        match=r"^the operator (does not answer|answered with an error): .+; see `doctor`, or try again$",
     ):
         ask("boards")
 

@@ -156,7 +156,7 @@ def test_decreases_are_restored_first(restore: Any) -> None:
 
 def test_original_left_by_an_interrupted_restore_is_only_removed(restore: Any) -> None:
     server = Server(a_pod(), policies=[policy(originals=before("slam"))])
-    assert restore(server) == (0, "lab/slam/slam: already as it was\n")
+    assert restore(server) == (0, "lab/slam/slam: already restored\n")
     assert [call for call, *_ in server.cluster.calls] == ["store"]
 
 
@@ -319,8 +319,8 @@ def test_unprovable_originals_keep_the_policy_and_the_key(restore: Any) -> None:
     assert code == 1
     assert out.splitlines() == [
         (
-            "lab/slam/slam: NOT restored: lab/slam/slam: status.originals says request 100m, limit 50m, not signed by "
-            "the operator; no owner of the pod states its original, so it keeps request 100m, limit 990m, "
+            "lab/slam/slam: NOT restored: lab/slam/slam: status.originals has request 100m, limit 50m, not signed by "
+            "the operator; no owner of the pod states its original CPU, so it keeps request 100m, limit 990m, "
             "and the entry stays; replace the pod"
         ),
         "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
@@ -342,7 +342,7 @@ def test_emptied_originals_are_replaced_by_the_owners_template(restore: Any) -> 
     assert restore(server, "--remove-finalizers", RELEASE) == (0, "nothing to restore\n")
 
 
-def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore: Any) -> None:
+def test_unknown_emptied_originals_keep_the_policy_and_the_key(restore: Any) -> None:
     server = Server(by_us(), policies=[with_spec(policy())])
     server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
     for _ in range(2):
@@ -352,7 +352,7 @@ def test_emptied_originals_that_nobody_knows_keep_the_policy_and_the_key(restore
             [
                 (
                     "lab/slam/slam: NOT restored: lab/slam/slam: status.originals no longer has an entry; "
-                    "no owner of the pod states its original, so it keeps request 100m, limit 990m"
+                    "no owner of the pod states its original CPU, so it keeps request 100m, limit 990m"
                 ),
                 "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
             ],
@@ -421,7 +421,7 @@ def test_entries_of_a_policy_without_finalizer_are_removed(restore: Any) -> None
     released["metadata"]["finalizers"] = []
     server = Server(by_us(), policies=[released])
     server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
-    assert restore(server, "--remove-finalizers", RELEASE) == (0, "lab/slam/slam: already as it was\n")
+    assert restore(server, "--remove-finalizers", RELEASE) == (0, "lab/slam/slam: already restored\n")
     assert (server.cluster.policies, server.secrets) == ({"lab/robot": {}}, {})
 
 

@@ -98,8 +98,8 @@ def test_promote_sets_enforce_mode(cluster, capsys):
         (["promote", "robot"], "lab/robot is not a shadow: it has no spec.shadow"),
         (["shadow", "robot"], "lab/robot is not a shadow: it has no spec.shadow"),
         (["adopt", "robot"], "lab/robot is not a shadow: it has no spec.shadow"),
-        (["resume", "robot-next"], "lab/robot-next is a shadow: `promote` carries it out"),
-        (["adopt", "robot-next"], "lab/robot-next is not in force: `promote` it first, and see that it stays so"),
+        (["resume", "robot-next"], "lab/robot-next is a shadow: use `promote` to carry it out"),
+        (["adopt", "robot-next"], "lab/robot-next is not in force: `promote` it first, and watch it for a while"),
     ],
 )
 def test_invalid_input_changes_nothing(cluster, capsys, command, message):

@@ -157,9 +157,9 @@ def test_assert_prints_each_difference(tmp_path: Path, capsys: pytest.CaptureFix
     expected.write_text("- {at: 12, shares: {slam: 1}}\n- {at: 99, contexts: []}\n")
     assert main([*TWO_CORES, "--assert", str(expected)]) == 1
     assert [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note:")] == [
-        f"{expected}: line 2: expects something at 99 s, after the end at 30 s",
+        f"{expected}: line 2: expectation at 99 s, but the run ends at 30 s",
         f"{expected}: line 1, at 12 s: share of slam: expected 1000m, but 1690m",
-        "    plan 5 of 10.100 s, because of imu: context moving entered",
+        "    plan 5 of 10.100 s, caused by imu: context moving entered",
         f"{POLICY} on {DEMO}: 2 expectations, 2 differences",
     ]
 
@@ -200,7 +200,7 @@ def test_each_file_may_come_from_standard_input() -> None:
 
 def test_standard_input_is_read_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "-", "-"]) == 2
-    assert "timeline: invalid value '-': expected a file: - may be given only once" in capsys.readouterr().err
+    assert "timeline: invalid value '-': expected a file, as only one input can be stdin" in capsys.readouterr().err
 
 
 def test_a_closed_output_pipe_prints_no_traceback() -> None:
@@ -244,7 +244,7 @@ def test_notes_are_in_the_json(capsys: pytest.CaptureFixture[str]) -> None:
         (("--replicas", "imu=2"), "--replicas: invalid value 'imu': expected one of slam, speech"),
         (("--request", "imu=2"), "--request: invalid value 'imu': expected one of slam, speech"),
         (("--no-realtime", "arm"), "--no-realtime: invalid value 'arm': expected one of robot"),
-        (("--node", "arm=1"), "--cores: invalid value 2000: expected --cores or --node, not both"),
+        (("--node", "arm=1"), "--cores: invalid value 2000: expected either --cores or --node, not both"),
     ],
 )
 def test_an_invalid_robot(options: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -255,10 +255,10 @@ def test_an_invalid_robot(options: tuple[str, str], message: str, capsys: pytest
 @pytest.mark.parametrize(
     ("option", "allowed"),
     [
-        (("--until", "1e9"), "seconds, 0 to 10000000"),
-        (("--until", "soon"), "seconds, 0 to 10000000"),
+        (("--until", "1e9"), "a number of seconds from 0 to 10000000"),
+        (("--until", "soon"), "a number of seconds from 0 to 10000000"),
         (("--cores", "2000"), "above 0 to 1024"),
-        (("--rate", "0"), "a factor of 0.001 to 1000"),
+        (("--rate", "0"), "a factor from 0.001 to 1000"),
         (("--cores", "0.0001"), "a CPU quantity"),
         (("--node", "arm"), "NAME=VALUE"),
         (("--replicas", "slam=0"), "an integer from 1 to 100"),
@@ -390,7 +390,7 @@ def test_rate_scales_the_time_of_the_timeline(capsys):
 
 def test_the_options_of_recordings_are_refused_with_a_timeline(capsys):
     assert main(["simulate", POLICY, str(DEMO), "--use-sim-time", "--skip-damaged", "--topics", "robot/imu"]) == 2
-    assert capsys.readouterr().err.count("with a recording only") == 3
+    assert capsys.readouterr().err.count("no value, as TIMELINE is not a recording") == 3
     with pytest.raises(SystemExit):
         main(["simulate", POLICY, "run.mcap", "--topics", "robot/b*"])
     assert "a topic or a key expression" in capsys.readouterr().err

@@ -96,7 +96,7 @@ def test_every_message_becomes_a_line(operator: Operator, monkeypatch: pytest.Mo
 def test_missing_operator_is_reported(free_endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     with open_router([free_endpoint]):
         assert main(["top", "--connect", free_endpoint, "--once"]) == 2
-    assert "is the operator running, and is there a policy?" in capsys.readouterr().err
+    assert "check that the operator is running and has a policy" in capsys.readouterr().err
 
 
 def test_the_environment_names_the_router(

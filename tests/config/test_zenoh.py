@@ -95,7 +95,7 @@ def test_modules_and_operator_receive_sensor_samples(connect):
         assert one.get() == "sample"
 
 
-def test_an_agent_hears_that_plans_are_withdrawn(connect):
+def test_an_agent_receives_withdrawals_of_plans(connect):
     key = "contextpolicy/robot/delivery-robot/plan"
     withdrawn: Queue[bool] = Queue()
     connect("agent").declare_subscriber(key, lambda sample: withdrawn.put(sample.kind == zenoh.SampleKind.DELETE))

@@ -71,7 +71,7 @@ def test_a_node_in_realtime_is_divided_by_eq_2():
     assert reported[0] == "slam gets 1426m on node robot."
     assert reported[-2:] == [
         "Eq. 2 on node robot: 1900m * 3 / 4 = 1425m.",
-        "Shares move in steps of 2m, which makes it 1426m.",
+        "Rounded to steps of 2m, its share is 1426m.",
     ]
 
 
@@ -118,7 +118,7 @@ def test_a_suspended_task_is_capped_under_every_control(control):
 
 def test_a_protected_task_weighs_at_least_a_core():
     assert enforced("Weight", "brake")[1:] == [
-        "It is protected, so next to the other tasks its weight is 1000m: small weights wait long for their turn."
+        "It is protected, so beside the other tasks its weight is 1000m: small weights wait long."
     ]
 
 
@@ -134,8 +134,8 @@ def test_decaying_activity_is_not_in_force():
         return [one for one in said if one.startswith(("Activity", "Its idle"))]
 
     assert reported(1.5) == ["Activity `imu.hit` on imu is in force with score 10 until `imu.calm`."]
-    assert reported(5) == ["Activity `imu.hit` on imu is over: of its score 10 it still has 7, which decays."]
+    assert reported(5) == ["Activity `imu.hit` on imu is over: its score has decayed from 10 to 7."]
     assert reported(8) == [
-        "Activity `imu.hit` on imu is over: of its score 10 it still has 4, which decays.",
+        "Activity `imu.hit` on imu is over: its score has decayed from 10 to 4.",
         "Its idle score, 5, is higher.",
     ]

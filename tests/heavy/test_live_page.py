@@ -223,7 +223,7 @@ def test_lost_operator_greys_the_page_and_shows_the_age(desk, offline):
     for figure in ("contexts", "weights", "shares"):
         assert "now" not in text(desk, figure), "the axis must not say now"
     assert text(desk, "moment") != "now"
-    assert "nothing answers at localhost" in text(desk, "problem")
+    assert "no answer from localhost" in text(desk, "problem")
     slide(desk, 500)
     first = ago(desk)
     desk.wait_for(f"parseFloat(document.getElementById('moment').textContent.split(', ')[1]) >= {first + 2}")
@@ -417,13 +417,13 @@ def test_switching_policies_hides_the_previous_data(desk, watched):
     desk.wait_for("document.querySelector('#tasks').checkVisibility()")
 
 
-def test_unrecorded_history_is_shown_as_not_known(desk):
+def test_unrecorded_history_is_shown_as_unknown(desk):
     assert desk.value("document.querySelectorAll('#streams tbody tr').length") == 3
     slide(desk, 700)
     assert desk.value("document.querySelectorAll('#streams tbody tr, #conditions li').length") == 0
-    assert "not known" in text(desk, "unseen")
+    assert "unknown" in text(desk, "unseen")
     assert "back in time" not in text(desk, "reactions")
-    assert text(desk, "reactions") == "not known"
+    assert text(desk, "reactions") == "unknown"
     press(desk, "live")
     assert desk.value("document.querySelectorAll('#streams tbody tr').length") == 3
 

@@ -71,7 +71,7 @@ def test_kubeconfig_points_to_the_api_server_with_the_identity():
     assert config["users"][0]["user"]["client-key"].endswith("/admin.key")
 
 
-def test_pods_get_addresses_from_the_range_that_the_proxy_knows():
+def test_pods_get_addresses_from_the_range_of_the_proxy():
     bridge = json.loads(configuration.cni())["plugins"][0]
     assert bridge["ipam"]["ranges"] == [[{"subnet": flags(components.proxy())["cluster-cidr"]}]]
 

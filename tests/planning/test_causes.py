@@ -35,7 +35,7 @@ def test_a_decay_below_idle_is_not_a_cause():
 def test_the_cause_of_the_last_decay_step_names_the_idle_score():
     story = falling(idle=5.5)
     story.wait(7)
-    assert story.last.cause == "imu: imu.hit is 5, below the 5.5 that slam scores anyway"
+    assert story.last.cause == "imu: imu.hit is 5, but slam already scores 5.5"
     story.wait(20)
     assert story.last.time == START + 7
 

@@ -48,5 +48,5 @@ def test_every_field_is_documented_and_no_other():
 
 
 def test_shortfalls_are_reported_with_their_task():
-    reported = [{"task": "slam", "message": "needs 4 cores, gets 1"}]
+    reported = [{"task": "slam", "message": "needs 4 cores, but gets 1"}]
     assert plan_json(POLICY, a_plan())["shortfalls"] == reported

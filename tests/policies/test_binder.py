@@ -147,7 +147,7 @@ def test_agents_leave_what_another_writer_insists_on(running):
     assert running.limits() == {"slam": 300, "speech": 200}
 
 
-def test_agents_hear_at_once_what_another_writer_insists_on(running):
+def test_agents_receive_at_once_the_limit_that_another_writer_keeps_setting(running):
     """No sample arrives meanwhile: the plan stays the same."""
     running.session.agent(NODE, b'{"missing": {"CFS": [], "Realtime": []}}')
     running.settle()
@@ -162,7 +162,7 @@ def test_agents_hear_at_once_what_another_writer_insists_on(running):
     assert now["sequence"] == before["sequence"]
 
 
-def test_agents_hear_at_once_of_a_pods_own_limit(running):
+def test_agents_receive_a_pods_own_limit_at_once(running):
     before = running.session.plans()[-1]
     running.cluster.pods["uid-slam"]["spec"]["resources"] = {"limits": {"cpu": "600m"}}
     running.cluster._commit("uid-slam")
@@ -208,7 +208,7 @@ def test_an_invalid_pod_is_left_alone(running, caplog):
     running.operator.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
     running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
-    assert any("can't be read" in message and "'odd'" in message for message in caplog.messages)
+    assert any("can't be parsed" in message and "'odd'" in message for message in caplog.messages)
 
 
 def test_from_weights_back_to_limits(running):

@@ -67,7 +67,7 @@ def test_an_invalid_definition_is_reported_and_the_last_version_kept(operator):
     operator.turn(1.0)
     status, _, message = operator.condition("Accepted")
     assert status == "False"
-    assert "my_msgs.msg.Mood.msg: can't be read from line 2 on" in message
+    assert "my_msgs.msg.Mood.msg: has a syntax error in line 2" in message
     hear(operator, GLAD)
     assert operator.limits() == {"slam": 800, "speech": 200}
 

@@ -47,14 +47,14 @@ def test_functions_that_are_not_installed_are_named_all_at_once(installed):
     with pytest.raises(PolicyError) as caught:
         load(policy_with("bumps", "dumps", "burns"))
     assert [(f.field, f.value, f.allowed) for f in caught.value.findings] == [
-        ("spec.tasks[t1].activity.initiative", "dumps", "installed: bumps, turns"),
-        ("spec.tasks[t2].activity.initiative", "burns", "installed: bumps, turns"),
+        ("spec.tasks[t1].activity.initiative", "dumps", "expected an installed function: bumps, turns"),
+        ("spec.tasks[t2].activity.initiative", "burns", "expected an installed function: bumps, turns"),
     ]
 
 
 @pytest.mark.usefixtures("installed")
 def test_missing_plug_ins_are_reported():
-    with pytest.raises(PolicyError, match="installed: none"):
+    with pytest.raises(PolicyError, match="expected an installed function: there is none"):
         load(policy_with("bumps"))
 
 

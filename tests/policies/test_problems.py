@@ -22,7 +22,7 @@ def test_a_refused_resize_is_reported_and_recovers(running):
     assert ("ResizeFailed", "speech: Forbidden: no") in running.reported()
     running.react(IMU, speed=0.0)
     assert running.condition("Applied")[0] == "True"
-    assert ("ResizeRecovered", "speech can be resized again") in running.reported()
+    assert ("ResizeRecovered", "speech: updates succeed again") in running.reported()
 
 
 def test_a_refused_restore_is_reported_until_it_succeeds(running):
@@ -46,7 +46,7 @@ def test_a_refused_restore_is_reported_until_it_succeeds(running):
         running.settle()
     assert done.done()
     assert running.limits() == {"slam": 400, "speech": 400}
-    assert ("ResizeRecovered", "slam can be resized again") in running.reported()
+    assert ("ResizeRecovered", "slam: updates succeed again") in running.reported()
 
 
 def test_a_namespace_that_another_operator_serves_is_forgotten_and_left_as_it_is(running):

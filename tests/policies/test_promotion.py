@@ -201,7 +201,7 @@ def test_only_one_shadow_is_promoted(promoted):
     assert promoted.condition("Applied", "lab/robot-too") == (
         "False",
         "NotApplied",
-        "lab/robot-next is promoted already: only one shadow of a policy can be",
+        "lab/robot-next is already promoted: only one shadow of a policy can be",
     )
     assert promoted.limits() == {"slam": 500, "speech": 500}
 

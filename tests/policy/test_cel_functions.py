@@ -192,7 +192,7 @@ def test_a_macro_walks_a_list(macro):
     assert evaluate(source) == {Macro.ALL: False, Macro.MAP: [False, True], Macro.FILTER: [4.0]}.get(macro, True)
 
 
-def test_each_name_stands_once():
+def test_names_are_unique():
     assert len(FUNCTIONS) + len(Macro) == len(LIBRARY) + len(OWN) + len(Macro) == len(NAMES)
 
 

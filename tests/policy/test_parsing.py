@@ -48,7 +48,7 @@ def test_fields_are_read_in_planning_units():
     assert (task.needs.cores, task.needs.memory, task.needs.deadline) == (1000, 1024, 0.05)
 
 
-def test_a_ros_stream_says_whose_messages_and_which_clock():
+def test_a_ros_stream_names_its_message_release_and_clock():
     cdr = {"encoding": "cdr", "type": "sensor_msgs/msg/Range"}
     said, unsaid = a_policy(
         streams=[a_stream("range", ros="humble", types="robot-types", clock="Arrival", **cdr), a_stream("near", **cdr)],
@@ -66,7 +66,7 @@ def test_ros_fields_are_refused_on_other_streams():
     assert findings["spec.streams[0].types"][0] == "Robot Types"
     assert findings["spec.streams[1].ros"] == (
         "jazzy",
-        "encoding cdr with it, as other encodings have no message types",
+        "encoding cdr, as other encodings have no message types",
     )
 
 

@@ -53,7 +53,7 @@ def test_each_release_has_its_own_messages(release, type_name, field, has):
     assert (field in dict(type_store(release).fielddefs[type_name][1])) is has
 
 
-def test_latest_knows_every_message_in_its_newest_form():
+def test_latest_has_the_newest_definition_of_every_message():
     latest = type_store()
     for release in RosRelease:
         assert type_store(release).fielddefs.keys() <= latest.fielddefs.keys()
@@ -67,7 +67,7 @@ def test_own_messages_are_known_only_to_their_policy(definitions):
     assert not is_known("my_msgs/msg/Mood")
 
 
-def test_a_folder_as_ros_installs_it_says_the_same_as_a_config_map(tmp_path):
+def test_an_installed_ros_folder_gives_the_same_types_as_a_config_map(tmp_path):
     package = tmp_path / "share/my_msgs"
     (package / "msg").mkdir(parents=True)
     for name, text in (MOOD, NOTE):
@@ -82,9 +82,9 @@ def test_a_folder_as_ros_installs_it_says_the_same_as_a_config_map(tmp_path):
     ("name", "text", "expected"),
     [
         ("Mood.msg", "float64 joy", "Mood.msg: is not a type name; a .msg is named like my_msgs.msg.Mood.msg"),
-        ("my_msgs.msg.Mood.msg", "float64 joy\nfloat64\n", "my_msgs.msg.Mood.msg: can't be read from line 2 on"),
-        ("Mood.idl", "module a {\n  struct\n\n", "Mood.idl: can't be read from line 4 on"),
-        ("my_msgs.msg.Mood.msg", "Note note", "my_msgs/msg/Mood contains my_msgs/msg/Note, which nobody defines"),
+        ("my_msgs.msg.Mood.msg", "float64 joy\nfloat64\n", "my_msgs.msg.Mood.msg: has a syntax error in line 2"),
+        ("Mood.idl", "module a {\n  struct\n\n", "Mood.idl: has a syntax error in line 4"),
+        ("my_msgs.msg.Mood.msg", "Note note", "my_msgs/msg/Mood contains my_msgs/msg/Note, which is not defined"),
         ("my_msgs.msg.Mood.msg", "Mood[] moods", "my_msgs/msg/Mood contains itself"),
         (
             "my_msgs.msg.Mood.msg",
@@ -123,7 +123,7 @@ def test_messages_nest_only_as_deep_as_samples_may():
 def test_a_definition_that_is_given_twice_must_be_the_same():
     twice = ("share/my_msgs/msg/Note.msg", NOTE[1])
     assert is_known("my_msgs/msg/Note", type_store(RosRelease.LATEST, (NOTE, twice)))
-    assert "once more, in another way" in refused(NOTE, (twice[0], "bool sad"))
+    assert "again, differently" in refused(NOTE, (twice[0], "bool sad"))
 
 
 def test_definitions_are_never_code(monkeypatch):

@@ -67,7 +67,7 @@ def test_liveliness_outside_the_prefixes_is_refused():
     assert (finding.field, finding.value) == ("spec.streams[0].liveliness", "other/imu")
 
 
-def test_a_shadow_hears_of_misses_only_where_it_may_read():
+def test_a_shadow_receives_misses_only_on_keys_that_it_may_read():
     shadow = replace(policy("lab/imu"), shadow=Shadow("other"))
     [finding] = of(lab={"streamPrefixes": ["lab"]}).findings(shadow)
     assert (finding.field, finding.value) == ("spec.shadow.health", "robot/*/health")

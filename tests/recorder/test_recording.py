@@ -64,7 +64,7 @@ def test_plans_are_unchanged_but_use_the_timelines_time(flight):
     ]
 
 
-def test_a_sample_that_two_streams_heard_is_one_input(flight):
+def test_a_sample_of_two_streams_is_one_input(flight):
     _, records, take = flight
     policy = parse(a_policy(streams=[a_stream("imu"), a_stream("all", key="robot/*")]))
     take(100.0, speed=0.3)

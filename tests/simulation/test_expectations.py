@@ -43,9 +43,9 @@ def test_met_expectations_give_no_difference(text: str) -> None:
         ("- {at: 12, shares: {slam: 1700m}}", ["share of slam: expected 1700m, but 1690m"]),
         ("- {at: 12, weights: {slam: {min: 11, max: 12}}}", ["weight of slam: expected 11 to 12, but 10"]),
         ("- {at: 12, weights: {slam: 10.0000001}}", ["weight of slam: expected 10.0000001, but 10"]),
-        ("- {at: 12, feasible: false}", ["feasible: expected false, but nothing falls short"]),
+        ("- {at: 12, feasible: false}", ["feasible: expected false, but there are no shortfalls"]),
         ("- {from: 12, to: 22, contexts: [moving]}", ["contexts: expected moving, but none"]),
-        ("- {from: 11, to: 20, plans: 1}", ["expected 1 plans, 0 began"]),
+        ("- {from: 11, to: 20, plans: 1}", ["expected 1 plans, but 0 began"]),
     ],
 )
 def test_differences_state_expected_and_actual(text: str, messages: list[str]) -> None:
@@ -56,7 +56,7 @@ def test_a_difference_names_line_time_and_the_plan_in_force() -> None:
     (difference,) = differences(PLANS, parse("# why\n- {at: 12, contexts: []}", POLICY, subject="test"))
     assert str(difference) == (
         "line 2, at 12 s: contexts: expected none, but moving\n"
-        "    plan 5 of 10.100 s, because of imu: context moving entered"
+        "    plan 5 of 10.100 s, caused by imu: context moving entered"
     )
 
 

@@ -23,7 +23,7 @@ def reported(policy, *inputs, robot=None, **options):
 
 def test_a_stream_that_the_timeline_never_feeds():
     policy = a_policy(S, {"name": "u", "key": "u/**"})
-    assert reported(policy, at(0, 1)) == ["the timeline never feeds stream u (u/**)"]
+    assert reported(policy, at(0, 1)) == ["the timeline has no input for stream u (u/**)"]
 
 
 def test_a_key_that_no_stream_reads_and_a_recording():
@@ -40,7 +40,7 @@ def test_an_explicit_null_is_a_value():
 
 def test_a_drop_quotes_the_decoder():
     policy = a_policy({**S, "timestamp": "stamp"})
-    message = "stream s: the json payload has the timestamp 'noon', allowed: a number, or a map of sec and nanosec"
+    message = "stream s: the json payload has the timestamp 'noon': expected a number, or a map of sec and nanosec"
     assert reported(policy, at(0, {"stamp": "noon"}), at(1, {"stamp": "noon"})) == [f"{message}, 2 times"]
 
 
@@ -72,8 +72,8 @@ def test_a_stream_whose_own_expression_fails_says_how():
 def test_a_shortfall_is_reported_with_its_first_time():
     policy = a_policy(S, tasks=("a", "b"), needs={"cores": 3}, contexts=[a_context("s.value > 1.0", b={"weight": 9})])
     assert reported(policy, at(0, 0.0), at(5, 2.0)) == [
-        "not feasible from 0 s on: a needs 3 cores, gets 2",
-        "not feasible from 5 s on: a needs 3 cores, gets 400m",
+        "not feasible from 0 s: a needs 3 cores, but gets 2",
+        "not feasible from 5 s: a needs 3 cores, but gets 400m",
     ]
 
 
@@ -118,7 +118,7 @@ def noted(payloads, kind):
 
 def test_a_recording_of_another_type_is_reported_once():
     assert noted(BROKEN, "nav_msgs/msg/Odometry") == [
-        "the recording has nav_msgs/msg/Odometry, and stream odom expects std_msgs/msg/String: none of it is read"
+        "the recording has nav_msgs/msg/Odometry, but stream odom expects std_msgs/msg/String: no messages are read"
     ]
 
 

@@ -71,7 +71,7 @@ def test_a_repeated_value_is_encoded_once(monkeypatch: pytest.MonkeyPatch) -> No
     ("value", "wanted"),
     [
         ([[[0]] * 5000, 1], "stream imu: the json payload holds more than 10000 values"),
-        ({"stamp": "noon"}, "stream imu: the json payload has the timestamp 'noon', allowed: a number, or a map of"),
+        ({"stamp": "noon"}, "stream imu: the json payload has the timestamp 'noon': expected a number, or a map of"),
         (1e999, "stream imu: the json payload holds Infinity, which is not a JSON number"),
     ],
 )

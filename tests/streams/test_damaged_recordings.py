@@ -121,13 +121,13 @@ def test_a_chunk_that_claims_to_be_huge_takes_no_memory(tmp_path):
     start, _ = next(chunks(content))
     content[start + 16 : start + 24] = struct.pack("<Q", 1 << 60)
     path.write_bytes(content)
-    assert "a chunk would have 1152921504606846976 bytes" in refusal(path)
+    assert "a chunk's length field says 1152921504606846976 bytes" in refusal(path)
 
 
 @pytest.mark.parametrize("opcode", [Opcode.MESSAGE, Opcode.CHUNK])
 def test_a_record_that_claims_to_be_huge_takes_no_memory(opcode):
     file = Reads(b"short")
-    with pytest.raises(BrokenError, match=f"it would have {LARGEST + 1} bytes"):
+    with pytest.raises(BrokenError, match=f"its length field says {LARGEST + 1} bytes"):
         content_of(file, Piece(0, 0, 0, LARGEST + 1, opcode))
     assert file.count == 0
 
@@ -170,7 +170,7 @@ def test_a_tail_of_zeros_is_passed_over_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("size", [9, 10, 4096])
-def test_reading_goes_on_behind_a_hole_of_zeros(tmp_path, size):
+def test_reading_continues_behind_a_hole_of_zeros(tmp_path, size):
     path = write(tmp_path / "run.mcap")
     content = path.read_bytes()
     start, length = list(chunks(content))[3]

@@ -65,7 +65,7 @@ def test_publishers_are_asked_at_once_and_then_at_times(session, loop):
     assert len(session.questions) == asked
 
 
-def test_nobody_is_asked_after_the_end(session, loop, end):
+def test_no_publisher_is_asked_after_the_end(session, loop, end):
     loop.advance_by(0.01)
     appear(session)
     end()
@@ -75,7 +75,7 @@ def test_nobody_is_asked_after_the_end(session, loop, end):
 
 
 @pytest.mark.usefixtures("end")
-def test_kept_sample_is_heard_once_and_none_of_another_key(session, loop, heard):
+def test_kept_sample_is_received_once_and_none_of_another_key(session, loop, heard):
     loop.advance_by(0.01)
     [(_, answer)] = session.questions
     for key, at in (("a/map", 1), ("a/map", 1), ("b/map", 1), ("b/other", 2), ("a/map", 3)):
@@ -98,7 +98,7 @@ def test_live_sample_that_claims_to_come_from_the_future_hides_nothing_for_good(
 
 
 @pytest.mark.parametrize(("live", "kept"), [(None, 1), (1, None), (None, None)])
-def test_without_a_timestamp_what_was_heard_counts(live, kept):
+def test_without_a_timestamp_the_live_sample_counts(live, kept):
     newest = Newest()
     newest.note("map", live and stamp(live))
     assert not newest.admit("map", kept and stamp(kept))

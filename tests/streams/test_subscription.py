@@ -199,7 +199,7 @@ def test_a_latched_topic_reaches_late_subscribers(listen, robot_and_operator, mi
     assert heard.values("mission")[-2:] == [{"data": 7}, {"data": 8}]
 
 
-def test_a_latched_topic_from_before_its_publisher_was_within_reach_is_heard(loop, mission):
+def test_a_latched_topic_is_received_once_its_publisher_is_reachable(loop, mission):
     endpoint, heard = f"tcp/127.0.0.1:{free_port()}", Heard()
     alone = {"connect/endpoints": [endpoint], "listen/endpoints": [], "connect/retry": RETRY}
     with open_session(**alone, **{"timestamping/enabled": True}) as robot:

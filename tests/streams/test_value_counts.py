@@ -93,5 +93,5 @@ def test_a_fraction_of_two_large_integers_is_refused_before_it_is_made() -> None
 def test_an_integer_of_a_megabyte_is_refused() -> None:
     decoder = Decoder(Stream("imu", "imu", Encoding.CBOR))
     assert decoder.decode(cbor2.dumps({"n": 10**30})).value == {"n": 10**30}
-    with pytest.raises(DecodeError, match="holds an integer of 7864320 bits, allowed: 14284"):
+    with pytest.raises(DecodeError, match="holds an integer of 7864320 bits: expected at most 14284"):
         decoder.decode(b"\xc2\x5a" + (983_040).to_bytes(4, "big") + b"\xff" * 983_040)

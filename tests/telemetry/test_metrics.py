@@ -32,7 +32,7 @@ def ours():
     return {family.name: family for family in REGISTRY.collect() if family.name in names}
 
 
-def test_every_metric_is_there_with_a_text():
+def test_every_metric_has_a_help_text():
     assert ours().keys() == NAMES
     assert all(family.documentation.endswith(".") for family in ours().values())
 

@@ -33,8 +33,14 @@ from contextpolicy.telemetry import remedies
             "node didn't have enough allocatable resources: cpu, requested: 3000, allocatable: 2000",
             "raise the policy's reserve",
         ),
-        ('admission webhook "no.example.com" denied the request: no', "let that admission policy or webhook pass"),
-        ("pods \"slam\" is forbidden: ValidatingAdmissionPolicy 'x' with binding 'x' denied request: no", "let that"),
+        (
+            'admission webhook "no.example.com" denied the request: no',
+            "allow the operator's resizes in that admission policy or webhook",
+        ),
+        (
+            "pods \"slam\" is forbidden: ValidatingAdmissionPolicy 'x' with binding 'x' denied request: no",
+            "allow the operator's resizes in that",
+        ),
         ("Pod QOS Class may not change as a result of resizing", ""),
     ],
 )
@@ -68,7 +74,7 @@ def test_remedy_for_a_deferred_resize(pending, remedy):
     [
         ("vpa-updater", 'set updateMode: "Off"'),
         ("updater", 'set updateMode: "Off"'),
-        ("kube-startup-cpu-boost", "leave this pod out"),
+        ("kube-startup-cpu-boost", "exclude this pod"),
         ("kubectl-patch", "change the policy instead"),
         ("contextpolicy", "an admission webhook"),
         ("", "an admission webhook"),

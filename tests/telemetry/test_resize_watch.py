@@ -140,7 +140,7 @@ def test_a_failure_is_reported_once_and_its_end_too(reported):
     assert resizes("Forbidden") == failures + 3
     reported.watch.on_problem(POLICY, "slam", None)
     reported.watch.on_problem(POLICY, "slam", None)
-    assert reported.problems[1:] == [("ResizeRecovered", "slam can be resized again")]
+    assert reported.problems[1:] == [("ResizeRecovered", "slam: updates succeed again")]
     assert reported.watch.problems(POLICY) == {}
 
 
@@ -164,7 +164,7 @@ def test_the_end_of_a_deferred_resize_is_reported(reported):
     reported.watch.observe(held_back(), {POLICY})
     for _ in range(2):
         reported.watch.observe(view(a_pod("slam")), {POLICY})
-    assert reported.problems[1:] == [("ResizeRecovered", "slam: no resize is held back any more")]
+    assert reported.problems[1:] == [("ResizeRecovered", "slam: the kubelet no longer holds back a resize")]
     assert reported.watch.problems(POLICY) == {}
 
 
@@ -181,7 +181,7 @@ def test_a_conflict_is_reported_with_writer_and_change(reported):
     assert reason == "ResizedByOther"
     assert message.startswith(
         "lab/slam/slam: vpa-updater changed its CPU limit from 300m to 700m, CPU request from 100m to 150m; "
-        "the plan's value is written again; set updateMode"
+        "the operator writes the plan's value again; set updateMode"
     )
     assert reported.watch.problems(POLICY) == {"lab/slam/slam": message}
     assert conflicts() == before + 1
@@ -228,8 +228,8 @@ def test_a_yielded_conflict_is_reported_once_more(reported):
     for one in (conflict, conflict, replace(conflict, yielded=True), replace(conflict, yielded=True)):
         reported.watch.on_conflict(POLICY, "lab/slam/slam", one)
     [first, last] = reported.problems
-    assert "the plan's value is written again" in first[1]
+    assert "the operator writes the plan's value again" in first[1]
     assert (
-        "this keeps happening, so the change is left in place, and the plan's value is tried again every 10 min"
+        "as this keeps happening, the operator leaves the change in place and retries the plan's value every 10 min"
         in last[1]
     )

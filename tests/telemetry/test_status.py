@@ -69,8 +69,8 @@ def test_several_contexts_stand_in_one_line():
 
 def test_needs_that_are_not_met():
     content = made(moving(tasks=[a_task("slam", needs={"cores": 4}), a_task("speech")]))
-    assert condition(content, "Feasible") == ("False", "Unmet", "slam: needs 4 cores, gets 990m")
-    assert content["tasks"][0]["message"] == "needs 4 cores, gets 990m"
+    assert condition(content, "Feasible") == ("False", "Unmet", "slam: needs 4 cores, but gets 990m")
+    assert content["tasks"][0]["message"] == "needs 4 cores, but gets 990m"
 
 
 def test_obstacles_and_refused_resizes_are_reported():

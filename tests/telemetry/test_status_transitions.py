@@ -17,7 +17,7 @@ def since(found):
     return {one["type"]: one["lastTransitionTime"] for one in found}
 
 
-def test_a_transition_time_stands_as_long_as_the_state():
+def test_a_transition_time_is_kept_while_the_state_lasts():
     first = at(0)
     later = at(100, previous=first, generation=2)
     assert since(later) == since(first) == {"Ready": timestamp(0), "Accepted": timestamp(0)}

@@ -24,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     unknown = sorted(set(options.names) - known.keys())
     if unknown:
-        parser.error(f"no recording is called {', '.join(unknown)}; there are {', '.join(known)}")
+        parser.error(f"unknown recording {', '.join(unknown)}: expected one of {', '.join(known)}")
     try:
         make_all(options.root, {name: known[name] for name in options.names or RECORDINGS})
     except SpeechError as error:
@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def make_all(root: Path, recordings: Mapping[str, Recording]) -> None:
-    """Make each recording, and say so."""
+    """Make each recording, and print its name."""
     for name, recording in recordings.items():
         made = make(root, name, recording, _progress(name))
         sys.stdout.write(f"{root / name}: {'made' if made else 'up to date'}\n")

@@ -1,4 +1,4 @@
-"""`python -m timelines.demo`: exit code 0 only if the kernel enforced what the policy says."""
+"""`python -m timelines.demo`: run the demo; exit code 0 only if the kernel enforced the policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the recording proves: reaction times, and whether kernel and API had what each plan says. Pure."""
+"""What the recording proves: reaction times, and whether kernel and API matched each plan. Pure."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """`python -m timelines.experiments`: run what has not been run yet, then write the report.
 
 Before the first block it calibrates the loads and searches static weights on the tuning stories, and freezes both. It
-goes on where it was stopped. With any choice (stories, configurations, loads, blocks) it is a quick look: nothing is
-calibrated for it, and it goes to a folder of its own.
+resumes where it was stopped. With any choice (stories, configurations, loads, blocks) it is a quick look: nothing is
+calibrated for it, and its results go to a folder of their own.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:
     able = _able(campaign, chosen, found)
     left = campaign.run(able, until=_until(options.minutes), commit=options.commit)
     if left:
-        Lines().say(f"{left} runs are left: the same command goes on with them")
+        Lines().say(f"{left} runs are left: run the same command again to continue")
     return not campaign.failed
 
 
@@ -140,7 +140,7 @@ class Lines:
 def _story(text: str) -> str:
     """One of those that are reported; argparse's own `choices` would refuse that none is given."""
     if text not in REPORTED:
-        raise argparse.ArgumentTypeError(f"{text!r} is none of {', '.join(REPORTED)}")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected one of {', '.join(REPORTED)}")
     return text
 
 
@@ -151,7 +151,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("stories", nargs="*", type=_story, metavar="STORY", help=", ".join(REPORTED))
-    parser.add_argument("--blocks", type=int, metavar="N", help="at most so many blocks of each part")
+    parser.add_argument("--blocks", type=int, metavar="N", help="how many blocks of each part to run at most")
     parser.add_argument("--loads", nargs="+", default=(), choices=list(LOADS), metavar="LOAD", help=", ".join(LOADS))
     parser.add_argument(
         "--only",
@@ -162,13 +162,21 @@ def _parser() -> argparse.ArgumentParser:
         help=", ".join(CONFIGURATIONS),
     )
     parser.add_argument(
-        "--minutes", type=float, default=float("inf"), help="begin no run that would end later than that"
+        "--minutes", type=float, default=float("inf"), help="begin no run that would end after so many minutes"
     )
-    parser.add_argument("--commit", action="store_true", help="commit each block's data as it ends")
-    parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="recordings of runs (build/experiments)")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="what is committed (timelines/results/data)")
-    parser.add_argument("--datasets", type=Path, default=ROOT, metavar="DIR", help="recordings (%(default)s)")
-    parser.add_argument("--report", type=Path, metavar="DIR", help="where the report goes (default: to the recordings)")
+    parser.add_argument("--commit", action="store_true", help="commit the data of each block when it ends")
+    parser.add_argument(
+        "--out", type=Path, default=OUT, metavar="DIR", help="folder of the runs' recordings (build/experiments)"
+    )
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", help="folder of the committed data (timelines/results/data)"
+    )
+    parser.add_argument(
+        "--datasets", type=Path, default=ROOT, metavar="DIR", help="folder of the data sets (%(default)s)"
+    )
+    parser.add_argument(
+        "--report", type=Path, metavar="DIR", help="folder of the report (default: that of the recordings)"
+    )
     parser.add_argument("--report-only", action="store_true", help="run nothing: compute every figure from the data")
     return parser
 

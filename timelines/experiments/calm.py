@@ -42,4 +42,6 @@ def wait_until_calm(
         part = (busy() - before) / (LOOK * cores)
         if part <= QUIET:
             return round(part, 3)
-    raise DeployError(f"the machine was {part:.0%} busy after {PATIENCE:g} s of waiting: nothing else may run on it")
+    raise DeployError(
+        f"the machine was {part:.0%} busy after {PATIENCE:g} s of waiting: stop everything else that runs on it"
+    )

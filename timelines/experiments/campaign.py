@@ -68,7 +68,7 @@ class Campaign:
         missing = [trial for trial in trials if not self._has(trial)]
         if trials and not missing:
             folders = self._bench.folders
-            self._progress.say(f"nothing is left to run: delete {folders.raw} and {folders.data} to begin again")
+            self._progress.say(f"all runs are done: delete {folders.raw} and {folders.data} to start over")
         for number, trial in enumerate(missing):
             if self._is_given_up(trial):
                 continue

@@ -30,7 +30,7 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
     for key in _taken(schedule):
         published, due = len(run.published.get(key, ())), len(schedule.keys[key])
         if published != due:
-            raise DeployError(f"{trial}: {published} inputs on {key}, {due} were due")
+            raise DeployError(f"{trial}: {published} inputs on {key}: expected {due}")
     return Record(
         load=trial.load,
         story=trial.story.name,

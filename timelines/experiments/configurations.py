@@ -50,7 +50,7 @@ class Configuration:
 
     @property
     def relayed(self) -> bool:
-        """Whether the modules hear what a policy would do that does not act."""
+        """Whether the modules receive the decisions of a policy that does not act."""
         return self.gated and not self.contextual
 
     def variant(self, document: Document, reserve: str) -> Document | None:

@@ -41,7 +41,7 @@ def check(cgroups: Mapping[str, Contained], tasks: Collection[str], processors: 
     for thread in _threads(cgroups, tasks):
         with suppress(ProcessLookupError):
             if not os.sched_getaffinity(thread) <= processors:
-                raise DeployError(f"thread {thread} of a task may run elsewhere than on processors {processors}")
+                raise DeployError(f"thread {thread} of a task may run on processors other than {processors}")
 
 
 def _threads(cgroups: Mapping[str, Contained], tasks: Collection[str]) -> Iterator[int]:

@@ -1,4 +1,4 @@
-"""What the robot's tasks say of themselves: whether they are there, and whether anything waits."""
+"""The health of the robot's tasks: whether they run, and whether any input waits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PATIENCE = 120.0
 
 
 class Healths:
-    """The latest health message of each task, as a session hears them."""
+    """The latest health message of each task, received in a session."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._changed = threading.Condition()
@@ -41,11 +41,11 @@ class Healths:
             )
 
     def wait_for_all(self, tasks: tuple[str, ...], since: float, patience: float) -> bool:
-        """Wait until each task has said, after `since` (Unix seconds), that nothing waits; False if one does not."""
+        """Wait until each task has reported, after `since` (Unix seconds), that it is idle; False if one has not."""
         with self._changed:
             return self._changed.wait_for(lambda: all(idle(self._latest.get(task), since) for task in tasks), patience)
 
 
 def idle(health: Mapping[str, Any] | None, since: float) -> bool:
-    """Whether a task was idle, or suspended, when it said so after `since`."""
+    """Whether a task has reported after `since` that it is idle or suspended."""
     return health is not None and health["stamp"] > since * 1e9 and (health["suspended"] or not health["queue"])

@@ -56,14 +56,14 @@ def obstacle(configuration: Configuration, *, slow: bool) -> str:
     if configuration.realtime and not REALTIME.exists():
         return "the kernel has no realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1)"
     if configuration.realtime and slow:
-        return "what slows the processors has realtime priority too, and would compete with it"
+        return "the threads that slow the processors have realtime priority too, and would compete with it"
     if configuration.autoscaled and not _defined(AUTOSCALERS):
         return "no VerticalPodAutoscaler is installed"
     return ""
 
 
 def _defined(kind: str) -> bool:
-    """Whether the cluster knows a kind of object."""
+    """Whether the cluster defines a kind of object."""
     return bool(deploy.run("kubectl", "get", "crd", kind, "--ignore-not-found", "-o", "name").strip())
 
 

@@ -41,7 +41,7 @@ def sign_flip(differences: Floats) -> float:
     """
     values = np.asarray(differences, dtype=np.float64)
     if not 0 < len(values) <= MOST:
-        raise ValueError(f"{len(values)} differences, 1 to {MOST} are expected")
+        raise ValueError(f"{len(values)} differences: expected 1 to {MOST}")
     if np.isnan(values).any():  # a comparison that does not exist shows nothing
         return 1.0
     sums = np.zeros(1)

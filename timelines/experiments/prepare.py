@@ -122,7 +122,7 @@ def name(*, gated: bool) -> str:
 
 
 def priorities() -> dict[str, float]:
-    """What the policy of the stories says of each task."""
+    """Each task's priority in the policy of the stories."""
     tasks = installation.policy_document(TUNING[0])["spec"]["tasks"]
     return {task["name"]: float(task.get("priority", 1)) for task in tasks}
 

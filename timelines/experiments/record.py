@@ -115,7 +115,7 @@ def unpacked(data: bytes) -> Any:
     try:
         return json.loads(lzma.decompress(data))
     except (lzma.LZMAError, ValueError) as error:
-        raise RecordError(f"no packed JSON: {error}") from error
+        raise RecordError(f"not valid packed JSON: {error}") from error
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -134,5 +134,5 @@ def records(data: bytes) -> list[Record]:
     """The records of a block's file; RecordError if it is of another format."""
     found = unpacked(data)
     if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise RecordError(f"a block of format {FORMAT} is expected")
+        raise RecordError(f"expected a block of format {FORMAT}")
     return [Record.of_json(one) for one in found["records"]]

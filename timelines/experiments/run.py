@@ -181,7 +181,7 @@ def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:
     found = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
     silent = sorted({*deploy.TASKS} - {one["task"] for one in found})
     if silent:
-        raise deploy.DeployError(f"no profile came from {', '.join(silent)}")
+        raise deploy.DeployError(f"no profile received from {', '.join(silent)}")
     return found
 
 

@@ -37,10 +37,10 @@ def slowed(part: float, processors: Collection[int]) -> Iterator[None]:
     thieves = [_thief(cpu, 1 - part) for cpu in processors if part < 1]
     try:
         if not all(_out(thief).readline() for thief in thieves):
-            raise SlowedError("nothing slows the processors: it takes the right to a realtime priority")
+            raise SlowedError("can't slow the processors: expected permission to use realtime priorities")
         yield
         if any(thief.poll() is not None for thief in thieves):
-            raise SlowedError("what slows the processors has ended")
+            raise SlowedError("the process that slows the processors has ended")
     finally:
         for thief in thieves:
             thief.kill()

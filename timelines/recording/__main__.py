@@ -20,7 +20,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     if not is_recording(options.recording) or options.recording.suffix != ".mcap":
-        parser.error(f"{options.recording}: allowed is an MCAP file; `ros2 bag convert` turns a bag into one")
+        parser.error(
+            f"invalid value {str(options.recording)!r}: expected an MCAP file; `ros2 bag convert` makes one of a bag"
+        )
     try:
         labels = load_labels(options.labels)
         document = labelled(open_recording(options.recording, Excerpt()), labels)
@@ -30,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
         if any("dataset" in entry for entry in document["inputs"]):
             kept.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(options.recording, kept)
-            sys.stdout.write(f"{kept}: what {path.name} names\n")
+            sys.stdout.write(f"{kept}: the data set of {path.name}\n")
     except (ContextPolicyError, OSError) as error:
         sys.stderr.write(f"{error}\n")
         return 2

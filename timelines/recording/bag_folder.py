@@ -32,7 +32,7 @@ class BagWriter:
 
     def __init__(self, path: Path, topics: RosTopics) -> None:
         if path.exists():
-            raise RecordingError(f"{path} exists already: allowed is a new folder, or a file that ends in .mcap")
+            raise RecordingError(f"{path} already exists: expected a new folder, or a file name that ends in .mcap")
         self._path, self._topics = path, topics
         self._file = f"{path.name}_0.mcap"
         # Of ROS from the start: a power cut may leave it as it begins.

@@ -106,7 +106,7 @@ def _label(fields: Fields) -> Label:
     start, end = _span(fields)
     label = Label(fields.key_expression("key"), start, end, fields.raw("truth"))
     if label.truth is None:
-        fields.refuse("truth", None, "what is true of these inputs")
+        fields.refuse("truth", None, "the ground truth of these inputs")
     fields.close()
     return label
 

@@ -1,4 +1,4 @@
-"""`python -m timelines.recording.layout POLICY.yaml`: what Foxglove shows of a policy, as a layout to import.
+"""`python -m timelines.recording.layout POLICY.yaml`: print a Foxglove layout for a policy, to be imported.
 
 The figures of the operator's live page, from a recording or from the bus (`timelines.recording.live`): context bands,
 normalised weights and shares (the paper's Figures 5 and 7), limits in force and the CPU that is used, misses, and the

@@ -1,6 +1,6 @@
-"""`python -m timelines.recording.live --connect tcp/127.0.0.1:7447`: the robot's bus for Foxglove, as a WebSocket.
+"""`python -m timelines.recording.live --connect tcp/127.0.0.1:7447`: serve the bus to Foxglove over a WebSocket.
 
-What a recording would have goes live to every client of ws://localhost:8765: the same layout shows both.
+Every client of ws://localhost:8765 receives live what a recording would contain: the same layout shows both.
 """
 
 from __future__ import annotations

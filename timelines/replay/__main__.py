@@ -86,7 +86,7 @@ def _recorded(path: Path, topics: RosTopics) -> McapWriter | BagWriter:
     return McapWriter(path, topics) if path.suffix == ".mcap" else BagWriter(path, topics)
 
 
-_MIXED = "holds more than ROS messages: Foxglove opens it, tools of ROS open what --record DIR writes"
+_MIXED = "holds more than ROS messages: open it with Foxglove; for ROS tools, use --record DIR"
 
 
 _KEYS = {"rmw_zenoh": timeline_key, "bridge": bridge_key}
@@ -110,25 +110,30 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--datasets", type=Path, default=ROOT, help="folder of the recordings (%(default)s)")
     parser.add_argument("--types", type=Path, metavar="DIR", help="folder with .msg and .idl files of ROS 2 messages")
-    parser.add_argument("--rate", type=_positive, default=1.0, help="2 plays twice as fast")
+    parser.add_argument("--rate", type=_positive, default=1.0, help="speed: 2 plays twice as fast (default: 1)")
     parser.add_argument("--start-offset", type=_seconds, default=0.0, help="seconds to skip")
     parser.add_argument("--playback-duration", type=_positive, help="seconds of the timeline to play")
     parser.add_argument("--loop", action="store_true", help="start again at the end")
     parser.add_argument(
-        "--topics", type=topic, nargs="+", default=(), metavar="TOPIC", help="these only; /robot/** is allowed"
+        "--topics",
+        type=topic,
+        nargs="+",
+        default=(),
+        metavar="TOPIC",
+        help="play only these topics; /robot/** is allowed",
     )
-    parser.add_argument("--use-sim-time", action="store_true", help="with a recording: time is that of its /clock")
+    parser.add_argument("--use-sim-time", action="store_true", help="with a recording: take the time from its /clock")
     parser.add_argument(
         "--ros-keys", choices=_KEYS, default="rmw_zenoh", help="with a recording: keys of ROS 2 topics (%(default)s)"
     )
     parser.add_argument(
-        "--skip-damaged", action="store_true", help="with a recording: leave out what is damaged instead of refusing it"
+        "--skip-damaged", action="store_true", help="with a recording: skip damaged parts instead of refusing it"
     )
     parser.add_argument(
         "--record",
         type=Path,
         metavar="FILE.mcap|DIR",
-        help="write down everything that happens, for Foxglove, or as a folder of rosbag2",
+        help="record everything that happens, for Foxglove or as a rosbag2 folder",
     )
     parser.add_argument("--output", choices=("text", "json"), default="text", help="format of the report")
     return parser
@@ -137,14 +142,14 @@ def _parser() -> argparse.ArgumentParser:
 def _positive(text: str) -> float:
     number = float(text)
     if not 0 < number < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not above 0")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a number above 0")
     return number
 
 
 def _seconds(text: str) -> float:
     number = float(text)
     if not 0 <= number < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not 0 or more")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected 0 or more")
     return number
 
 

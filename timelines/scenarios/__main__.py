@@ -1,4 +1,4 @@
-"""`python -m timelines.scenarios [FILE.yaml ...]`: make timelines from scenarios, and with --record what they name."""
+"""`python -m timelines.scenarios [FILE.yaml ...]`: make timelines of scenarios, and their recordings with --record."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ app.kubernetes.io/part-of: contextpolicy
 {{/* Whether the chart's router asks who speaks: always where an agent acts on what it hears. */}}
 {{- define "contextpolicy.secured" -}}
 {{- if and .Values.agent.enabled .Values.router.enabled (not .Values.security.enabled) -}}
-{{- fail "the agent carries out what it hears on the bus: leave security.enabled=true, or set agent.enabled=false" -}}
+{{- fail "the agent carries out what it receives on the bus, so it needs security.enabled=true; or set agent.enabled=false" -}}
 {{- end -}}
 {{- if and .Values.router.enabled .Values.security.enabled -}}true{{- end -}}
 {{- end -}}
@@ -80,7 +80,7 @@ app.kubernetes.io/part-of: contextpolicy
 {{- define "contextpolicy.uplink" -}}
 {{- if .Values.router.uplink -}}
 {{- if not (and (include "contextpolicy.secured" .) .Values.security.routerSecret) -}}
-{{- fail "router.uplink joins a fleet's router, which knows robots by their certificates: set security.enabled=true and name a Secret of the fleet's authority in security.routerSecret, or leave router.uplink empty" -}}
+{{- fail "router.uplink joins a fleet's router, which identifies robots by their certificates: set security.enabled=true and name a Secret of the fleet's authority in security.routerSecret, or leave router.uplink empty" -}}
 {{- end -}}
 {{ join "," .Values.router.uplink }}
 {{- end -}}
@@ -94,7 +94,7 @@ app.kubernetes.io/part-of: contextpolicy
 {{- if not (compact $needed) -}}
 true
 {{- else if has "" $needed -}}
-{{- fail "bring security.routerSecret, security.operatorSecret and, where it is enabled, security.agentSecret, or none of them: one authority signs all" -}}
+{{- fail "set security.routerSecret, security.operatorSecret and, with the agent, security.agentSecret, or none of them: the same authority must sign all certificates" -}}
 {{- end -}}
 {{- end -}}
 
@@ -285,10 +285,10 @@ affinity:
 {{- define "contextpolicy.checkPorts" -}}
 {{- $ports := list (int .Values.operator.healthPort) (int .Values.metrics.port) (int .Values.operator.livePort) -}}
 {{- if and .Values.router.enabled (eq (int .Values.router.port) (int .Values.metrics.port)) -}}
-{{- fail (printf "router.port and metrics.port are both %d: the router listens on each of them" (int .Values.router.port)) -}}
+{{- fail (printf "router.port and metrics.port are both %d but must differ: the router listens on both" (int .Values.router.port)) -}}
 {{- end -}}
 {{- if lt (len (uniq $ports)) 3 -}}
-{{- fail (printf "operator.healthPort %d, metrics.port %d and operator.livePort %d must differ: the operator listens on each of them" (index $ports 0) (index $ports 1) (index $ports 2)) -}}
+{{- fail (printf "operator.healthPort %d, metrics.port %d and operator.livePort %d must differ: the operator listens on all of them" (index $ports 0) (index $ports 1) (index $ports 2)) -}}
 {{- end -}}
 {{- end -}}
 

@@ -1,4 +1,4 @@
-"""`python -m robotkit.ask TASK profile|health`: what a running task says about itself, as JSON."""
+"""`python -m robotkit.ask TASK profile|health`: print a running task's profile or health as JSON."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     if answer is None:
-        sys.stderr.write(f"{key}: no answer within {PATIENCE_S:g} s: is the module running?\n")
+        sys.stderr.write(f"{key}: no answer within {PATIENCE_S:g} s: check that the module is running\n")
         return 1
     sys.stdout.write(json.dumps(json.loads(answer), indent=2) + "\n")
     return 0

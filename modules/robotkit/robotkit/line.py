@@ -39,7 +39,7 @@ class Line:
         except (OSError, ValueError) as error:  # ValueError: closed meanwhile
             raise DeviceError(f"{self.name}: {error}") from error
         if not data:
-            raise DeviceError(f"{self.name}: the device is gone")
+            raise DeviceError(f"{self.name}: device disconnected")
         return data
 
     def write(self, data: bytes) -> None:
@@ -49,7 +49,7 @@ class Line:
         except OSError as error:
             raise DeviceError(f"{self.name}: {error}") from error
         if written < len(data):
-            raise DeviceError(f"{self.name}: takes no more bytes")
+            raise DeviceError(f"{self.name}: the device accepts no more bytes")
 
     def set_wire(self, wire: Literal["dtr", "rts"], *, on: bool) -> None:
         """Assert or deassert a control line; does nothing where there is none (a pseudo-terminal, a socket)."""
@@ -79,7 +79,7 @@ def open_line(name: str, baud: int) -> Line:
             return Line(name, _connect(name))
         return Line(name, serial.Serial(name, baud, exclusive=True))
     except (OSError, ValueError) as error:  # SerialException is an OSError
-        raise DeviceError(f"{name!r} cannot be opened ({error}); allowed: a device path or tcp://host:port") from error
+        raise DeviceError(f"{name!r} cannot be opened: expected a device path or tcp://host:port: {error}") from error
 
 
 def _connect(name: str) -> socket.socket:

@@ -82,7 +82,7 @@ class Needs:
 
 @dataclass(frozen=True)
 class Module:
-    """What a module.yaml says."""
+    """The content of a module.yaml."""
 
     name: str
     description: str = ""
@@ -158,7 +158,7 @@ class _Reader:
         """Only results whose meaning is known can be made messages of ROS."""
         becomes_ros = fields.get("encoding") == "cdr" and entry.get("encoding", "json") != "cdr"
         if output and becomes_ros and not (entry | fields).get("kind"):
-            self._refuse(f"{variable}.encoding", "cdr", "an output with a kind, which this one has not")
+            self._refuse(f"{variable}.encoding", "cdr", "another encoding, or an output with a kind")
 
     def _input(self, name: str, entry: Any) -> Input:
         path = f"inputs.{name}"

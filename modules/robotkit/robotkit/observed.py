@@ -1,4 +1,4 @@
-"""The inputs of a node that we only overhear: which of them it has answered, and when. Pure: time comes with them.
+"""The inputs of a node that is only observed: which of them it has answered, and when. Pure: time is an argument.
 
 In ROS an answer has the header's stamp of the message that led to it. So an input waits until an answer with its stamp
 comes. Answers are counted as if the node made one after the other.

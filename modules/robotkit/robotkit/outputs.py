@@ -32,7 +32,7 @@ def as_results(results: Results, outputs: Iterable[str]) -> Iterable[Result]:
         return results
     names = list(outputs)
     if len(names) != 1:
-        raise TypeError(f"a mapping is for a module with one output, this one has {names}: give Results")
+        raise TypeError(f"a mapping is only for a module with one output, but this one has {names}: return Results")
     return (Result(names[0], results),)
 
 
@@ -65,7 +65,9 @@ class Outputs:
         A result that says nothing as a ROS message, such as a pose that is lost, is left out.
         """
         if result.output not in self._declared:
-            raise KeyError(f"there is no output {result.output!r} in module.yaml: {', '.join(self._declared)}")
+            raise KeyError(
+                f"unknown output {result.output!r}: expected one of module.yaml: {', '.join(self._declared)}"
+            )
         now = time.time_ns()
         stamp = now if result.stamp is None else result.stamp
         payload = _payload(result, self._declared[result.output], stamp, timing)

@@ -72,20 +72,20 @@ def _parse(payload: bytes, task: str) -> _Plan | None:
         mine = document["tasks"][task]
         decision = Decision(_finite(mine["share"]), _finite(mine["weight"]), _truth(mine["suspended"]))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        _LOG.warning("a plan that cannot be read was ignored: %r", error)
+        _LOG.warning("ignoring a plan that can't be read: %r", error)
         return None
     return _Plan(order, decision)
 
 
 def _finite(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is not a finite number")
+        raise ValueError(f"invalid value {value!r}: expected a finite number")
     return float(value)
 
 
 def _truth(value: object) -> bool:
     if not isinstance(value, bool):
-        raise TypeError(f"{value!r} is neither true nor false")
+        raise TypeError(f"invalid value {value!r}: expected true or false")
     return value
 
 

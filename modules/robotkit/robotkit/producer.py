@@ -61,7 +61,7 @@ class Producer:
             except (DeviceError, ConfigurationError) as error:  # a recording may turn out broken halfway
                 self._profile.failures += 1
                 retry = FIRST_RETRY_S if self._profile.produced.done > produced else min(2 * retry, LAST_RETRY_S)
-                _LOG.warning("%s; tried again in %g s", error, retry)
+                _LOG.warning("%s; retrying in %g s", error, retry)
                 ended.wait(retry)
             else:
                 return

@@ -1,4 +1,4 @@
-"""`python -m robotkit.profiles > profiles.json`: what all running tasks cost, for `contextpolicy simulate`."""
+"""`python -m robotkit.profiles > profiles.json`: collect the profiles of all running tasks, for `simulate`."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     if not answers:
-        sys.stderr.write(f"{KEY}: no answer within {PATIENCE_S:g} s: are the modules running?\n")
+        sys.stderr.write(f"{KEY}: no answer within {PATIENCE_S:g} s: check that the modules are running\n")
         return 1
     sys.stdout.write(json.dumps(document(answers, datetime.now(UTC)), indent=1) + "\n")
     for task in idle(answers):
-        sys.stderr.write(f"note: {task} has not done any input yet: nothing can be predicted of it\n")
+        sys.stderr.write(f"note: {task} has not processed any input yet: it can't be predicted\n")
     return 0
 
 

@@ -58,7 +58,7 @@ def sound(received: Received) -> bytes:
         message = _decoded(received)
         audio = getattr(message, "audio", message)
         if received.type not in (AUDIO, AUDIO_STAMPED):
-            raise MessageError(f"{received.type} holds no sound, allowed: {AUDIO}, {AUDIO_STAMPED}")
+            raise MessageError(f"invalid type {received.type}: expected sound, {AUDIO} or {AUDIO_STAMPED}")
         samples = audio.data.tobytes()
     if len(samples) % 2:
         raise MessageError(f"{len(samples)} bytes are not 16 bit samples")
@@ -100,10 +100,10 @@ def _raw(message: Any, *, gray: bool) -> Image:
 
     channels = _CHANNELS.get(message.encoding)
     if channels is None:
-        raise MessageError(f"pictures of encoding {message.encoding} are not read, only {', '.join(_CHANNELS)}")
+        raise MessageError(f"invalid picture encoding {message.encoding}: expected one of {', '.join(_CHANNELS)}")
     width, height, step = message.width, message.height, message.step
     if step < width * channels or len(message.data) < step * height or not width or not height:
-        raise MessageError(f"{len(message.data)} bytes are no {width} x {height} {message.encoding} picture")
+        raise MessageError(f"{len(message.data)} bytes are not a {width} x {height} {message.encoding} picture")
     rows = message.data[: step * height].reshape(height, step)[:, : width * channels]
     return _coloured(np.ascontiguousarray(rows.reshape(height, width, channels)), message.encoding, gray=gray)
 
@@ -127,7 +127,7 @@ def _ros(received: Received, *allowed: str) -> tuple[Any, int]:
     from robotkit import ros  # noqa: PLC0415 - an extra
 
     if received.type not in allowed:
-        raise MessageError(f"{received.type} is not read here, allowed: {', '.join(allowed)}")
+        raise MessageError(f"invalid type {received.type}: expected {' or '.join(allowed)}")
     message = _decoded(received)
     return message, ros.stamp_of(message) or received.stamp
 

@@ -85,7 +85,7 @@ def _message(store: Typestore, type_name: str, value: object) -> Any:
     fields = value if isinstance(value, Mapping) else dict(zip(names, _sequence(value, type_name), strict=True))
     unknown = sorted(map(str, fields.keys() - names))
     if unknown:
-        raise TypeError(f"{type_name} has no field {', '.join(unknown)}, only {', '.join(names)}")
+        raise TypeError(f"{type_name} has no field {', '.join(unknown)}: expected {', '.join(names)}")
     values = {
         normalize_fieldname(name): _field(store, description, fields.get(name)) for name, description in descriptions
     }
@@ -95,7 +95,7 @@ def _message(store: Typestore, type_name: str, value: object) -> Any:
 def _sequence(value: object, type_name: str) -> Any:
     if isinstance(value, list | tuple | np.ndarray):
         return value
-    raise TypeError(f"{value!r} is no {type_name}: a mapping, or a list of its fields")
+    raise TypeError(f"invalid value {value!r} for {type_name}: expected a mapping, or a list of its fields")
 
 
 def _field(store: Typestore, description: Any, value: Any) -> Any:

@@ -52,17 +52,17 @@ def _problems(path: str, entry: Input | Output) -> Iterator[str]:
 
 
 def _problems_of_key(path: str, entry: Input | Output) -> Iterator[str]:
-    """A key of rmw_zenoh names a type and its hash: nobody would understand another type there."""
+    """A key of rmw_zenoh names a type and its hash: no subscriber could decode another type there."""
     from robotkit.ros_types import type_store  # noqa: PLC0415 - an extra, and megabytes
 
     named, type_hash = type_in(entry.key) or (dds_name(entry.type), "")
     known = type_store(entry.ros, entry.types).hash_rihs01(entry.type)
     if named != dds_name(entry.type):
-        yield f"{path}.key: invalid value {entry.key!r}: expected one of {entry.type}, as `type` says"
+        yield f"{path}.key: invalid value {entry.key!r}: expected a key of {entry.type}, as `type` says"
     elif _HASH.fullmatch(type_hash) and type_hash != known:
         yield (
-            f"{path}.key: invalid value {type_hash!r}: expected {known}, by which ROS 2 {entry.ros} knows {entry.type};"
-            " `ros` names another release, `types` a folder with its definition"
+            f"{path}.key: invalid value {type_hash!r}: expected {known}, the hash of {entry.type} in ROS 2 {entry.ros};"
+            " set `ros` to another release, or `types` to a folder with its definition"
         )
 
 
@@ -70,7 +70,8 @@ def _problems_of_output(path: str, entry: Output) -> Iterator[str]:
     from robotkit.ros import has_header  # noqa: PLC0415 - an extra, and megabytes
 
     if entry.kind and entry.type not in allowed(entry.kind):
-        yield f"{path}.type: invalid value {entry.type!r}: a {entry.kind} becomes {', '.join(allowed(entry.kind))}"
+        known = ", ".join(allowed(entry.kind))
+        yield f"{path}.type: invalid value {entry.type!r}: expected {known} for an output of kind {entry.kind}"
     frames = {"frame": entry.frame} if has_header(entry.type, release=entry.ros, folder=entry.types) else {}
     if entry.kind and entry.type == _ODOMETRY:
         frames["child_frame"] = entry.child_frame

@@ -39,12 +39,12 @@ def allowed(kind: str) -> tuple[str, ...]:
 
 
 def fields_of(value: Mapping[str, object] | bytes, output: Output) -> Fields | None:
-    """The message's fields of a result, None if it says nothing; without a kind they are the message's already."""
+    """The message's fields for a result, None if there is nothing to publish; without a kind, the result as it is."""
     make = _MAKERS[output.kind].get(output.type) if output.kind else None
     if make is not None:
         return make(value, output)
     if isinstance(value, bytes):
-        raise TypeError(f"{len(value)} bytes are not the fields of {output.type}")
+        raise TypeError(f"invalid value of {len(value)} bytes: expected the fields of {output.type}")
     return value
 
 
@@ -110,7 +110,7 @@ def _covariance(value: Mapping[str, Any], name: str) -> list[float]:
         return [UNKNOWN if row == column else 0.0 for row in range(6) for column in range(6)]
     numbers = [float(number) for row in given for number in _row(row)]
     if len(numbers) != 36:
-        raise ValueError(f"{name} has {len(numbers)} numbers, allowed: 36, of x, y, z and rotations about them")
+        raise ValueError(f"{name} has {len(numbers)} numbers: expected 36, of x, y, z and the rotations about them")
     return numbers
 
 

@@ -78,7 +78,7 @@ class Runner:
         listener = PlanListener(
             self._session, name, lambda decision: self._decide(decision, reporter), self._guarded, key=plan_key
         )
-        _LOG.info("runs as task %s", name)
+        _LOG.info("running as task %s", name)
         stop.wait()
         self._inputs.close()
         self._producer.pause()
@@ -142,7 +142,7 @@ class Runner:
                 results = list(as_results(self._task.process(received), self._module.outputs))
             except MessageError as error:
                 record.broken += 1
-                _LOG.warning("a sample of %s was dropped: %s", received.input, error)
+                _LOG.warning("dropped a sample of %s: %s", received.input, error)
                 continue
             except (DeviceError, ConfigurationError) as error:
                 self._count(error)

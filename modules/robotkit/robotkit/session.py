@@ -122,7 +122,7 @@ def _connect(configure: Callable[[], zenoh.Config], stop: threading.Event) -> ze
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
-            _LOG.warning("no router yet: %s", error)
+            _LOG.warning("no Zenoh router answers yet: %s", error)
             stop.wait(PAUSE_S)
             attempt = min(2 * attempt, LONGEST_MS)
     return None

@@ -1,8 +1,8 @@
-"""`python -m robotkit.sidecar module.yaml`: health and profile of a node that knows nothing of robotkit.
+"""`python -m robotkit.sidecar module.yaml`: publish health and profile for a node without robotkit.
 
-It runs beside a node of ROS 2, in the node's pod, and overhears what the node takes and gives: a module.yaml says what.
+It runs beside a ROS 2 node, in the node's pod, and observes the node's inputs and outputs, which a module.yaml lists.
 Environment: that of a module (ZENOH_CONNECT, ZENOH_CREDENTIALS, POLICY_TASK, PLAN_KEY, INPUT_..., OUTPUT_...), and
-ANSWERS_ALL: false for a node that leaves inputs out on purpose.
+ANSWERS_ALL: false for a node that skips inputs on purpose.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Sidecar:
-    """Overhears one node while its `with` block runs; `task` is its name in the policy."""
+    """Observes one node while its `with` block runs; `task` is its name in the policy."""
 
     def __init__(
         self, session: zenoh.Session, module: Module, task: str, cpu: Callable[[], int], *, answers_all: bool
@@ -106,14 +106,14 @@ class Sidecar:
         self._observed.answered(header_stamp(sample.payload.to_bytes()), time.time_ns())
         if not self._observed.matched and self._observed.strange == STRANGE:
             _LOG.warning(
-                "none of %d messages on %s has the header's stamp of an input: expected answers that do",
+                "none of %d messages on %s has the same header stamp as an input: expected answers that copy it",
                 STRANGE,
                 sample.key_expr,
             )
 
 
 def load(path: Path, environment: Mapping[str, str]) -> Module:
-    """The node's module.yaml; ConfigurationError names what can't be overheard."""
+    """The node's module.yaml; ConfigurationError names what can't be observed."""
     module = load_module(path, environment)
     streams: dict[str, Input | Output] = {f"inputs.{name}": own for name, own in module.inputs.items()}
     streams |= {f"outputs.{name}": own for name, own in module.outputs.items()}
@@ -131,9 +131,9 @@ def load(path: Path, environment: Mapping[str, str]) -> Module:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Overhear until SIGTERM or SIGINT; a bad configuration is one line and exit code 2."""
+    """Observe until SIGTERM or SIGINT; an invalid configuration ends it with one line and exit code 2."""
     parser = argparse.ArgumentParser(prog="python -m robotkit.sidecar", description=__doc__)
-    parser.add_argument("module_yaml", type=Path, help="what the node takes, gives and needs")
+    parser.add_argument("module_yaml", type=Path, help="the node's inputs, outputs and needs")
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s sidecar: %(message)s")
     try:
@@ -154,7 +154,7 @@ def _run(module: Module, environment: Mapping[str, str]) -> None:
         with Sidecar(session, module, task, cpu, answers_all=answers_all) as sidecar:
             plans = environment.get("PLAN_KEY", PLAN_KEY)
             listener = PlanListener(session, task, sidecar.decide, _ending(stop), key=plans)
-            _LOG.info("watches over task %s", task)
+            _LOG.info("watching task %s", task)
             stop.wait()
             listener.close()
 

@@ -33,7 +33,7 @@ _END = 2**31 * 10**9
 
 
 class Attached(NamedTuple):
-    """What an attachment says; None where it doesn't."""
+    """The fields of an attachment; None where one is missing."""
 
     stamp: int | None
     """When the sample was published, in ns since 1970."""
@@ -41,7 +41,7 @@ class Attached(NamedTuple):
     """The checksum of its payload."""
 
     def fits(self, payload: bytes) -> bool:
-        """Whether this is the payload that was sent, as far as the attachment says."""
+        """Whether this is the payload that was sent, as far as the attachment shows."""
         return self.crc32 is None or self.crc32 == zlib.crc32(payload)
 
 
@@ -60,7 +60,7 @@ def ros_attachment(number: int, stamp: int, publisher: bytes) -> bytes:
 
 
 def attached(sample: zenoh.Sample) -> Attached:
-    """What our own or rmw_zenoh's attachment says; nothing when there is neither."""
+    """The fields of our own or rmw_zenoh's attachment; nothing when there is neither."""
     if sample.attachment is None:
         return NOTHING
     raw = sample.attachment.to_bytes()

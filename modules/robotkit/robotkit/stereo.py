@@ -35,6 +35,8 @@ def decode(payload: bytes) -> StereoFrame:
         raise MessageError(f"not a stereo frame: starts with {payload[:4]!r}")
     _, stamp, left, right = _HEADER.unpack_from(payload)
     if len(payload) != _HEADER.size + left + right:
-        raise MessageError(f"stereo frame has {len(payload)} bytes, its header says {_HEADER.size + left + right}")
+        raise MessageError(
+            f"stereo frame has {len(payload)} bytes: expected {_HEADER.size + left + right}, as its header says"
+        )
     middle = _HEADER.size + left
     return StereoFrame(stamp, payload[_HEADER.size : middle], payload[middle:])

@@ -32,7 +32,7 @@ class DryRun:
         now = {container: (share, order.limits.get(container, share)) for container, share in order.shares.items()}
         for container, (share, limit) in now.items():
             if before.get(container) != (share, limit):
-                capped = "the limit it had" if limit is None else f"a limit of {format_cpu(limit)}"
+                capped = "its original limit" if limit is None else f"a limit of {format_cpu(limit)}"
                 text = "dry run: %s would give %s a share of %s and %s"
                 log.info(text, order.policy, container, format_cpu(share), capped)
         self._last[order.policy] = now

@@ -3,8 +3,8 @@
 The agent has already written the limits. A resize takes tens of milliseconds, and as much of the node's CPU: that of
 the API server, its datastore, the kubelet and the runtime, which tasks lack. One that is overtaken by the next plan is
 wasted, brings an old limit back until the agent corrects it, can fail on the kernel's rules, and costs flash 0.2 MiB.
-The API only has to agree in the end: its limits hold when the agent is gone. Plans that never last are never ordered;
-when the agent is gone, the newest is, at once. So is a container that the agent could not set.
+The API only has to agree in the end: its limits hold when the agent is gone. A plan that does not last is never
+ordered. When the agent is gone, the newest plan is ordered at once, as is a container that the agent could not set.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a paused policy has for an actuator: nothing."""
+"""The actuator of a paused policy, which does nothing."""
 
 from __future__ import annotations
 

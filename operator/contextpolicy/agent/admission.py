@@ -1,6 +1,6 @@
 """Which orders the agent obeys. Pure.
 
-Signatures are checked before (`bus.signatures`), but anybody who can listen can replay a signed message, and an
+Signatures are checked before (`bus.signatures`), but anyone who can listen can replay a signed message, and an
 operator may be wrong: orders that are outdated or ask for too much are refused.
 """
 
@@ -131,7 +131,7 @@ class Admission:
         last = self._stamps.get(order.policy)
         another_source = self._is_another_source(order.policy, order.stamp)
         if last is not None and order.stamp < last and not another_source:
-            raise OrderError("Outdated", f"{order.policy}: {order.stamp} came after {last}")
+            raise OrderError("Outdated", f"{order.policy}: plan {order.stamp} is older than {last}")
         if last is None or another_source:
             self._check_time(order.policy, signed)
         return order.stamp != last
@@ -143,14 +143,14 @@ class Admission:
     def _check_time(self, policy: str, signed: int, most: float = REPEATABLE) -> None:
         later = self._signed.get(policy, 0) - signed
         if 0 <= later <= most:
-            raise OrderError("Outdated", f"{policy}: signed {later / 1e9:.3f} s before the latest one accepted")
+            raise OrderError("Outdated", f"{policy}: signed {later / 1e9:.3f} s before the latest plan accepted")
 
     def _check_parts(self, order: NodeOrder) -> None:
         """A realtime share is an integer of thousandths of the period, the same on each processor."""
         cpus = self._cpus()
         for target in order.targets if order.scheduler is Scheduler.REALTIME else ():
             if target.share % cpus:
-                raise OrderError("Unreadable", f"{order.policy}: {target.share}m is uneven on {cpus} processors")
+                raise OrderError("Unreadable", f"{order.policy}: share {target.share}m: expected a multiple of {cpus}m")
 
     def _check_amounts(self, order: NodeOrder) -> None:
         # Sums of weights are bounded by the operator: they have to fit beside what all other pods request, and here
@@ -160,9 +160,11 @@ class Admission:
         there_is = most - self._promised(order.policy) if realtime else most
         asked = sum(target.share for target in order.targets)
         if order.targets and order.capacity > most:
-            raise OrderError("TooMuch", f"{order.policy}: a capacity of {order.capacity}m, this node has {most}m")
+            raise OrderError("TooMuch", f"{order.policy}: capacity {order.capacity}m: expected at most {most}m")
         if asked > min(order.capacity, there_is):
-            raise OrderError("TooMuch", f"{order.policy}: {asked}m of {min(order.capacity, there_is)}m")
+            raise OrderError(
+                "TooMuch", f"{order.policy}: shares of {asked}m: expected at most {min(order.capacity, there_is)}m"
+            )
 
     def _promised(self, but: str) -> int:
         """What other policies have of the realtime budget, which unlike CPU limits can't be overcommitted."""
@@ -173,10 +175,10 @@ class Admission:
         owners = {t.container_id: p for p, held in self._admitted.items() if p != order.policy for t in _named(held)}
         wanted = [target.container_id for target in _named(order)]
         if len(set(wanted)) < len(wanted):
-            raise OrderError("Twice", f"{order.policy}: names a container twice")
+            raise OrderError("Twice", f"{order.policy}: lists a container twice")
         taken = next((identity for identity in wanted if identity in owners), None)
         if taken is not None:
-            raise OrderError("Owned", f"{order.policy}: {taken} belongs to {owners[taken]}")
+            raise OrderError("Owned", f"{order.policy}: container {taken} belongs to {owners[taken]}")
 
 
 def _desired(order: NodeOrder) -> _Desired:

@@ -137,7 +137,7 @@ class Agent:
         self._admission.lose_source(policy)
 
     def doubt(self, policy: str) -> bool:
-        """Somebody spoke for the policy's source without proof; returns whether it has to say its plan again.
+        """A message for the policy came without proof of its sender; returns whether its source has to publish again.
 
         If it can't, the operator signs with a key that we do not know, and what we wrote would only be defended against
         its resizes.
@@ -148,7 +148,7 @@ class Agent:
         return doubtful
 
     def on_silence(self, policy: str) -> None:
-        """For the grace period nothing has shown that the policy's plan holds: give it up."""
+        """The grace period ended without proof that the policy's plan still holds: release it."""
         if self._ledger.of(policy):
             log.warning("%s: no valid plan during the grace period; undoing the last one", policy)
         self._release(policy, leave_agreed=policy in self._sources)
@@ -180,7 +180,7 @@ class Agent:
             self._confirm_late(policy, failed)
 
     def report(self) -> dict[str, Any]:
-        """What this node can do, what it lacks for the rest, and how often it refused what, as a JSON object."""
+        """The node's capabilities, what the missing ones lack, and counts of refusals, as a JSON object."""
         return {**self._node.report(), "refused": dict(self._refusals.counts)}
 
     def usage(self) -> dict[str, Any]:
@@ -253,7 +253,7 @@ class Agent:
         What we wrote for the plan before would only be defended against them.
         """
         if self._admission.is_overtaken(policy, refused.stamp if refused else None, signed):
-            log.warning("%s: a newer plan was refused; undoing the one before", policy)
+            log.warning("%s: a newer plan was refused; undoing the previous one", policy)
             self._release(policy, leave_agreed=policy in self._sources)
 
     def _release(self, policy: str, *, leave_agreed: bool = False) -> None:

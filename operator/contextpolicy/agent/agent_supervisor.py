@@ -1,4 +1,4 @@
-"""What watches over the agent: undoes what a killed one left when no other comes in its place.
+"""Watches the agent, and undoes what a killed one left behind unless a successor starts.
 
 The agent is dead when its lock is free (`state_directory`). If it left entries in the journal, the next agent has the
 grace period to come: it knows what to do with them. `inotify` reports when it does. Nothing polls.
@@ -101,7 +101,7 @@ class AgentSupervisor:
         """The agent is asked to end too, and undoes its changes: undo what it could not, at once."""
         self._follow()
         if self._next(_Event.DEAD, within=self._patience) is None:
-            log.warning("the agent is still alive after %g s: leaving its changes to itself", self._patience)
+            log.warning("the agent is still running after %g s: leaving it to undo its own changes", self._patience)
             return True
         left = self._state.anything_left
         self._state.release()

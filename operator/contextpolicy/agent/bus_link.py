@@ -57,10 +57,10 @@ class PlanListener(Protocol):
         """
 
     def refuse(self, error: OrderError) -> None:
-        """A message that does not count: its signature is not valid, was heard before, or is too old."""
+        """A message to ignore: its signature is invalid, was received before, or is too old."""
 
     def doubt(self, policy: str) -> bool:
-        """Likewise one that anybody may have sent; returns whether the policy's source has to say its plan again."""
+        """Likewise one of unknown origin; returns whether the policy's source has to publish its plan again."""
 
     def miss(self, policy: str, payload: bytes | None, signed: int) -> None:
         """Likewise a plan or its withdrawal that the operator has signed, but too long ago by this node's clock."""
@@ -120,7 +120,7 @@ class AgentBus:
             self._later(lambda: self._lose(policy_of(key)))
 
     def on_retry(self, key: str) -> None:
-        """The policy's source has said nothing: ask again, until a plan comes or the source is gone."""
+        """The policy's source has not answered: ask again, until a plan comes or the source is gone."""
         asked, drop = plan_key(*key.split("/")), zenoh.CongestionControl.DROP
         self._session.get(asked, directly(self._on_reply), congestion_control=drop)
         self._unheard.again(key)
@@ -155,7 +155,7 @@ class AgentBus:
         self._put(policy_of(key), payload, signed)
 
     def _refuse(self, policy: str, error: OrderError) -> None:
-        """What anybody may have sent, the operator may have, with another key: its source has to prove the plan."""
+        """A message of unknown origin may be the operator's with another key: its source has to prove the plan."""
         self._listener.refuse(error)
         if error.reason in UNPROVEN and self._listener.doubt(policy):
             self._unheard.again(policy)

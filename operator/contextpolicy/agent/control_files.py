@@ -69,12 +69,12 @@ class ControlFile(OpenFile):
 
     @property
     def watched(self) -> list[Path]:
-        """The files whose change by others is news."""
+        """The files in which changes by others matter."""
         period = self.period_path if self._form.moves else None
         return [self.path, *([period] if period else [])]
 
     def is_news(self, path: Path) -> bool:
-        """Whether a write of one of the `watched` files may be news: each resize writes the period, mostly the same."""
+        """Whether a write of one of the `watched` files may matter: each resize writes the period, mostly the same."""
         if path == self.path or self._period_descriptor is None:
             return True
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""CPU weights: who goes first where processors are contested, at every level at which containers compete.
+"""CPU weights: how contested processors are shared, at every level at which containers compete.
 
 Pods compete inside their QoS class's group, and classes with each other. So a container's weight is written in the
 container's group and, as the sum over its containers, in its pod's; a class has the sum of its pods' weights, as if
@@ -76,7 +76,7 @@ class Weights:
         return self._enforce(policy)
 
     def knows(self, group: Path) -> bool:
-        """Whether it was there at the last plan, and has not been found gone since."""
+        """Whether the group existed at the last plan, and has not been found gone since."""
         return group in self._files
 
     def on_other_write(self, path: Path, heard: float) -> Failures:

@@ -43,6 +43,6 @@ class Drains:
         return draining
 
     def forget(self, policy: str) -> None:
-        """The policy suspends nothing any more."""
+        """The policy no longer suspends anything."""
         self._due.pop(policy, None)
         self._timers.end(policy)

@@ -26,7 +26,7 @@ _SPENT = {
 
 
 class WriteListener(Protocol):
-    """What hears of writes; called on the watch's own thread."""
+    """Receives writes; called on the watch's own thread."""
 
     def on_write(self, path: Path, heard: float) -> None:
         """The file was closed after it was opened for writing.

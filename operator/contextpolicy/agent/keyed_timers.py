@@ -1,4 +1,4 @@
-"""KeyedTimers by key."""
+"""Timers by key."""
 
 from __future__ import annotations
 

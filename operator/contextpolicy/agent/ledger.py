@@ -250,5 +250,5 @@ class Ledger:
 
 def _amount(text: str) -> str:
     if not _AMOUNT.fullmatch(text):
-        raise ValueError(f"{text!r}: expected what a control file holds, such as 50000 or max 100000")
+        raise ValueError(f"{text!r}: expected the content of a control file, such as 50000 or max 100000")
     return text

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def undo(settings: AgentSettings) -> bool:
     """Undo it now, for every policy; what can't be undone stays in the journal. The caller holds the lock.
 
-    False if the journal was damaged, so that nobody knows whether this was all.
+    False if the journal was damaged, so that it is unknown whether this was all.
 
     What is undone once needs no watch, and the node may have none left to give.
     """

@@ -105,7 +105,7 @@ class Limits:
                 self._agree(file.path, file.seen)
 
     def knows(self, group: Path) -> bool:
-        """Whether it was there at the last plan, and has not been found gone since."""
+        """Whether the group existed at the last plan, and has not been found gone since."""
         return group in self._files
 
     def on_other_write(self, path: Path, heard: float) -> Failures:

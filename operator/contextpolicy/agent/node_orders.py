@@ -141,10 +141,10 @@ def read(payload: bytes, policy: str, node: str) -> NodeOrder:
     try:
         message = _MESSAGE.decode(payload[: LARGEST_PLAN + 1])
         if message.policy != policy:
-            raise OrderError("WrongPolicy", f"a message of {message.policy!r:.80} on the key of {policy}")
+            raise OrderError("WrongPolicy", f"plan of {message.policy!r:.80} on the key of {policy}")
         return _order(message, node)
     except (msgspec.DecodeError, ValueError, KeyError, RecursionError) as error:
-        raise OrderError("Unreadable", f"not a plan: {error!r:.200}") from error
+        raise OrderError("Unreadable", f"not a valid plan: {error!r:.200}") from error
 
 
 def _order(message: _Message, node: str) -> NodeOrder:

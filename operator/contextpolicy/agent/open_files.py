@@ -85,7 +85,7 @@ class OpenFile:
 
     @property
     def watched(self) -> list[Path]:
-        """The files whose change by others is news."""
+        """The files in which changes by others matter."""
         return [self.path]
 
     def _text(self) -> str:
@@ -166,6 +166,6 @@ def failure_of(path: Path, error: OSError) -> ActuationError:
     """The kernel's error, with a reason that says what became of the access."""
     reason = _REASONS.get(error.errno or 0, "Failed")
     if error.errno == errno.ENOENT and path.parent.is_dir():
-        wanted = "CPU controller that is enabled there (cgroup.subtree_control of the groups above)"
-        return ActuationError(NOT_ENABLED, f"{path}: no such file: expected a {wanted}", retriable=False)
+        remedy = "enable the CPU controller there (cgroup.subtree_control of the parent groups)"
+        return ActuationError(NOT_ENABLED, f"{path}: no such file: {remedy}", retriable=False)
     return ActuationError(reason, f"{path}: {error.strerror}", retriable=reason == "Busy")

@@ -14,7 +14,7 @@ LEAST = 4.0
 
 
 class SilenceListener(Protocol):
-    """Gives plans up."""
+    """Releases plans."""
 
     def on_silence(self, policy: str) -> None:
         """The policy's grace period is over."""
@@ -52,16 +52,16 @@ class PlanSources:
             self.wait(policy)
 
     def doubt(self, policy: str) -> None:
-        """Somebody spoke for the source without proof: the grace period begins, unless it has begun."""
+        """A message without proof of its sender came: the grace period begins, unless it has begun."""
         if policy not in self._graces:
             self._start(policy, max(self._grace, LEAST))
 
     def end(self, policy: str) -> None:
-        """The policy has no plan that might be given up."""
+        """The policy has no plan to give up."""
         self._graces.end(policy)
 
     def stop(self) -> None:
-        """Give up nothing any more."""
+        """Stop all grace periods."""
         self._graces.stop()
 
     def _start(self, policy: str, seconds: float) -> None:

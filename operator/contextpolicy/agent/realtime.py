@@ -198,7 +198,7 @@ class Realtime:
             self._now(group)
         except ActuationError as error:
             return error
-        return None if group.is_dir() else ActuationError(GONE, f"{group}: was removed", retriable=False)
+        return None if group.is_dir() else ActuationError(GONE, f"{group}: cgroup was removed", retriable=False)
 
     def _merged(self) -> dict[Path, int]:
         return {group: share for shares in self._wanted.values() for group, share in shares.items()}

@@ -1,4 +1,4 @@
-"""What the agent would not or could not do: counted by reason, each reason logged once."""
+"""Orders and writes that the agent refused or failed: counted by reason, each reason logged once."""
 
 from __future__ import annotations
 
@@ -21,4 +21,4 @@ class Refusals:
         self.counts[reason] += 1
         REFUSALS.labels(reason).inc()
         if self.counts[reason] == 1:
-            log.warning("%s: %s (more of these are only counted)", reason, message)
+            log.warning("%s: %s (further ones with this reason are only counted)", reason, message)

@@ -1,4 +1,4 @@
-"""Signed messages that were heard before: the operator signs whatever it says once, so the same again is a replay."""
+"""Signed messages that were received before: the operator signs each message once, so a duplicate is a replay."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FRESH = 2 * MAX_AGE
 class Repetitions:
     """Remembers every message for as long as it would pass for fresh; called on any thread.
 
-    Without it a plan said again together with others would only be lost among those that wait, and nobody would know.
+    Without it a replayed plan would only be dropped among those that wait, and never be reported.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -27,14 +27,14 @@ class Repetitions:
         self._heard: dict[bytes, float] = {}
 
     def check(self, key: str, attachment: bytes) -> None:
-        """Note a message whose signature is valid; OrderError when it was heard before."""
+        """Note a message whose signature is valid; OrderError when it was received before."""
         with self._lock:
             now = self._clock()
             self._forget(now - FRESH)
             again = attachment in self._heard
             self._heard.setdefault(attachment, now)
         if again:
-            raise OrderError("Repeated", f"{key}: a message received before; the operator signs each message only once")
+            raise OrderError("Repeated", f"{key}: duplicate message: the operator signs each message only once")
 
     def _forget(self, before: float) -> None:
         """The oldest are first."""

@@ -1,4 +1,4 @@
-"""When what failed is tried again: after growing pauses, for as long as it fails. Nothing runs while nothing fails."""
+"""Retries what failed, with growing pauses, until it succeeds. Nothing runs while nothing fails."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Retries:
             self._timers.start(key, AGAIN.after(self._times[key]), lambda: self._listener.on_retry(key))
 
     def end(self, key: str) -> None:
-        """Nothing fails any more, or nobody wants it any more."""
+        """It succeeded, or is no longer wanted."""
         self._times.pop(key, None)
         self._timers.end(key)
 
     def stop(self) -> None:
-        """Try nothing any more."""
+        """Stop all retries."""
         self._timers.stop()

@@ -29,12 +29,12 @@ class TargetGroups:
         for target in order.targets:
             group = writers.group(target)
             if group is None:
-                self._refusals.note("NotHere", f"{order.policy}: {target.container_id or 'a container that starts'}")
+                container = target.container_id or "a starting container"
+                self._refusals.note("NotHere", f"{order.policy}: no cgroup on this node for {container}")
                 refused[target.container_id] = "NotHere"
             elif (namespace := self._namespaces.of(target.uid)) != order.namespace:
-                self._refusals.note(
-                    "Foreign", f"{order.policy}: {target.container_id} belongs to namespace {namespace}"
-                )
+                found = f"container {target.container_id} belongs to namespace {namespace}"
+                self._refusals.note("Foreign", f"{order.policy}: {found}, not {order.namespace}")
                 refused[target.container_id] = "Foreign"
             else:
                 groups[group] = target

@@ -44,7 +44,7 @@ def _threads(group: Path, version: int) -> list[int]:
     except OSError as error:
         raise ActuationError("Gone", f"{group}: {error.strerror}", retriable=False) from error
     if 0 in threads:
-        raise ActuationError("NoHostPids", f"{group}: its processes can't be seen, hostPID is missing", retriable=False)
+        raise ActuationError("NoHostPids", f"{group}: its processes are not visible: set hostPID", retriable=False)
     return threads
 
 

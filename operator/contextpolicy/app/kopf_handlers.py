@@ -62,7 +62,7 @@ async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
     """A policy exists at startup, is new or was edited."""
     adopted = await asyncio.to_thread(memo.operator.policy_changed, dict(body))
     if not await asyncio.wrap_future(adopted):
-        raise kopf.TemporaryError("not everything that the policy refers to can be read yet", delay=REREAD)
+        raise kopf.TemporaryError("something that the policy refers to can't be read yet", delay=REREAD)
 
 
 @kopf.on.event(GROUP, PLURAL)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class KopfListener(Protocol):
-    """What hears of kopf."""
+    """Receives the end of kopf."""
 
     def on_kopf_end(self) -> None:
         """It has ended by itself; called on its thread."""
@@ -34,7 +34,7 @@ class KopfThread:
         self._thread.start()
 
     def begin_stop(self) -> None:
-        """Let it end soon."""
+        """Ask it to end."""
         self._stop.set()
 
     def stop(self) -> None:

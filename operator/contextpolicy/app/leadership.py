@@ -1,6 +1,6 @@
 """Who acts: one replica of a release, and one release in a namespace.
 
-The replicas of a release (the chart's `operator.replicas`) run for its Lease. The one that holds it runs, in the
+The replicas of a release (the chart's `operator.replicas`) campaign for its Lease. The holder campaigns, in the
 release's name, for the Lease `contextpolicy` of each namespace that it serves. So two releases exclude each other
 namespace by namespace, and a standby that takes over does not have to wait for the namespaces.
 """
@@ -28,7 +28,7 @@ keeps others waiting for that long, and there are three writes a minute."""
 
 
 class Leadership:
-    """What we may do; the listener hears of each Lease whenever that may have changed."""
+    """What this replica may do; calls the listener whenever that may have changed."""
 
     def __init__(self, api: LeaseApi, settings: Settings, listener: LeaseListener) -> None:
         self._replica, self._keeper = _run_for_release(api, settings, listener)
@@ -39,7 +39,7 @@ class Leadership:
         self._claiming_started = False
 
     def start(self) -> None:
-        """Run for the release's Lease, if it has one."""
+        """Campaign for the release's Lease, if it has one."""
         if self._keeper is not None:
             self._keeper.start()
 
@@ -86,7 +86,7 @@ class Leadership:
         return claim is not None and clock() < claim.acts_until and self.leads
 
     def serve(self, namespaces: Iterable[str]) -> None:
-        """Run for these namespaces, and no others; only for a replica that leads."""
+        """Campaign for the Leases of these namespaces, and no others; only for a replica that leads."""
         wanted = set(namespaces)
         if not self._claiming_started:
             self._claiming_started = True
@@ -104,7 +104,7 @@ class Leadership:
 
     @property
     def served(self) -> frozenset[str] | None:
-        """The namespaces that are ours; None while that is not known of all."""
+        """The namespaces that this release serves; None while that is unknown of any."""
         claims = dict(self._claims)
         for namespace, claim in claims.items():
             self._tell_other(namespace, claim)
@@ -113,12 +113,12 @@ class Leadership:
         return frozenset(namespace for namespace, claim in claims.items() if claim.held)
 
     def _tell_other(self, namespace: str, claim: Candidacy) -> None:
-        """Say once why a namespace is not served: by whom it is, or what is missing."""
+        """Log once why a namespace is not served: which release serves it, or what is missing."""
         reason = ""
         if claim.refused:
             reason = f"namespace {namespace} can't be served: {claim.refused}"
         elif claim.holder not in ("", self._release):
-            reason = f"namespace {namespace} is served by {claim.holder}: leaving it alone until that release ends"
+            reason = f"namespace {namespace} is served by {claim.holder}: leaving it alone until that release stops"
         if reason != self._reported.get(namespace, ""):
             self._reported[namespace] = reason
             if reason:

@@ -63,10 +63,10 @@ def reach(stop: Event, listener: AnswerListener) -> ApiServer | None:
 
 
 class ReplicaListener(Protocol):
-    """What hears of a replica."""
+    """Receives the end of a replica's leadership."""
 
     def on_deposed(self) -> NoReturn:
-        """Another replica leads: begin again as its standby, with nothing kept."""
+        """Another replica leads: restart as its standby, without any state."""
 
 
 class Supervisor:
@@ -129,15 +129,15 @@ class Supervisor:
         if not self.operator.has_router:
             problems.append("no Zenoh router answers")
         if not (self._leadership.leads or self._leadership.follows):
-            problems.append("this replica does not hold the Lease, and none was seen renewing it")
+            problems.append("this replica does not hold the Lease and has seen no other renew it")
         return [*problems, *self.hung()]
 
     def on_lease(self) -> None:
-        """What we may do may have changed."""
+        """The Leases that this replica holds may have changed."""
         self._wake()
 
     def on_lists(self) -> None:
-        """What there is to serve may have changed."""
+        """The namespaces to serve may have changed."""
         self._wake()
 
     def on_kopf_end(self) -> None:

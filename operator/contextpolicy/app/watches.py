@@ -30,7 +30,7 @@ NOT_SERVED = (
 
 
 class ListsListener(Protocol):
-    """What hears of the lists; called on any thread."""
+    """Receives changes of the lists; called on any thread."""
 
     def on_lists(self) -> None:
         """A list was read or refused, or policies came or went."""
@@ -89,7 +89,7 @@ class Watches:
         return (set(self._pods) or self._policies.served(before)) - refused
 
     def next_change(self) -> float | None:
-        """Seconds until a namespace is kept no more; None where none is."""
+        """Seconds until a kept namespace is dropped; None without one."""
         return self._policies.next_change()
 
 

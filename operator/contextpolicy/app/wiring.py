@@ -149,12 +149,12 @@ class Operator:
         self._policies.repeat_to(node)
 
     def on_router(self) -> None:
-        """The router came or went: every status has that."""
+        """The router connected or disconnected, which every status reports."""
         self._publisher.report_all()
 
     @property
     def has_router(self) -> bool:
-        """Whether the bus is there."""
+        """Whether a Zenoh router is connected."""
         return self._bus.connected
 
     def policy_changed(self, body: Mapping[str, Any]) -> Future[bool]:
@@ -194,7 +194,7 @@ class Operator:
         try:
             seen = view(pod)
         except ValueError as error:
-            log.warning("a pod can't be read: %s: %.200r", error, pod)
+            log.warning("ignoring a pod that can't be parsed: %s: %.200r", error, pod)
             return
         self._vetting.observe(seen)
         on_loop(self._loop, lambda: self._take_pod(seen))

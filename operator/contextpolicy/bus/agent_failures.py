@@ -23,14 +23,14 @@ MOST_REASONS = 3
 
 
 class FailureListener(Protocol):
-    """What hears of them; called on the loop's thread."""
+    """Receives failures; called on the loop's thread."""
 
     def on_agents(self) -> None:
         """Other containers than before could not be set."""
 
 
 class AgentFailures:
-    """What failed last is what counts: an agent tries again with each plan. Called on the loop's thread."""
+    """Only the latest failures count: an agent tries again with each plan. Called on the loop's thread."""
 
     def __init__(self, scheduler: SchedulerBase, listener: FailureListener) -> None:
         self._scheduler, self._listener = scheduler, listener
@@ -62,7 +62,7 @@ class AgentFailures:
         self._failed = {key: failed for key, failed in self._failed.items() if key[0] != node}
 
     def _report(self, *_: object) -> None:
-        """Report what has changed, and no more for a while."""
+        """Report what has changed, then pause."""
         changed, self._changed = sorted(self._changed), set()
         self._resting = bool(changed)
         if changed:
@@ -73,7 +73,8 @@ class AgentFailures:
     def _log(self, changed: list[tuple[str, str]]) -> None:
         for node, policy in changed[:MOST_LINES]:
             reasons = sorted(set(self._failed.get((node, policy), {}).values()))
-            named = ", ".join(reasons[:MOST_REASONS]) or "none any more"
-            log.warning("node %s: containers of %s that its agent could not set: %s", node, policy, named)
+            failures = f"can't set containers: {', '.join(reasons[:MOST_REASONS])}"
+            state = failures if reasons else "sets all containers again"
+            log.warning("node %s, policy %s: the agent %s", node, policy, state)
         if len(changed) > MOST_LINES:
-            log.warning("and %d more of these", len(changed) - MOST_LINES)
+            log.warning("and %d more nodes and policies", len(changed) - MOST_LINES)

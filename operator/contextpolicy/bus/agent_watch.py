@@ -1,4 +1,4 @@
-"""Which nodes have an agent, and what each of them can do."""
+"""Which nodes have an agent, and the capabilities of each."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ STANDSTILLS = 3
 
 
 class AgentListener(Protocol):
-    """What hears of agents; called on the loop's thread."""
+    """Receives news of agents; called on the loop's thread."""
 
     def on_agents(self) -> None:
         """An agent's report has changed, or which containers it could not set."""
@@ -129,7 +129,7 @@ class AgentWatch:
         self._later(self._end_trials)  # not at once: the policy's next version may be about to publish
 
     def on_confirmed(self, node: str, said: Confirmation) -> None:
-        """Count on the node's agent, but for the containers that failed."""
+        """Rely on the node's agent, except for the containers that failed."""
         # The policy may have been forgotten while this was on its way.
         if said.policy not in self._planned or node not in self._nodes:
             return
@@ -140,7 +140,7 @@ class AgentWatch:
         self._end_trial(node)
 
     def on_late(self, node: str) -> None:
-        """Stop counting on the node's agent; after a pause it is asked again what it can do, until it answers."""
+        """Stop relying on the node's agent; after a pause, query its capabilities again until it answers."""
         if self._trials.pop(node, None) is None and (
             node not in self.reports or node in self._missed or node in self._owing
         ):
@@ -169,7 +169,7 @@ class AgentWatch:
         self._end_trial(node)
 
     def _end_trial(self, node: str) -> None:
-        """Count on the node's agent if it was on trial, and has confirmed all that it had to."""
+        """Rely on the node's agent if it was on trial, and has confirmed all plans that it had to."""
         if node in self._trials and node not in self._unconfirmed:
             self._doubts.trust(node, self._now())
             self._set(node, self._trials.pop(node))
@@ -209,7 +209,7 @@ class AgentWatch:
         self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._give_up(node))
 
     def _give_up(self, node: str) -> None:
-        """The agent was gone for too long. A new one may be alive already, but has not said what it can do."""
+        """The agent was gone for too long. A new one may be alive already, but has not reported its capabilities."""
         del self._missed[node]
         if node not in self._nodes:
             self._doubts.forget(node)

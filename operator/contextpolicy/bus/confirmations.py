@@ -23,14 +23,14 @@ noted."""
 
 
 class ConfirmationListener(Protocol):
-    """What hears of confirmations; called on the loop's thread."""
+    """Receives confirmations; called on the loop's thread."""
 
     def on_confirmed(self, node: str, said: Confirmation) -> None:
         """The node's agent has carried out a plan, and none after it."""
 
 
 class Confirmations:
-    """Those from `nodes`, above all about `policies`: anybody with an agent's certificate may name others."""
+    """Those from `nodes`, above all about `policies`: anyone with an agent's certificate may name others."""
 
     def __init__(
         self,

@@ -9,10 +9,10 @@ import zenoh
 
 
 class ConnectionListener(Protocol):
-    """What hears of the router."""
+    """Receives changes of the connection."""
 
     def on_connection(self, *, connected: bool) -> None:
-        """There is a router now, or none any more; on a thread of Zenoh's, and once at the start."""
+        """The router connected or disconnected; called on a thread of Zenoh's, and once at the start."""
 
 
 class Connection:

@@ -11,7 +11,7 @@ limit, which kubelets get wrong (kubernetes#125205)."""
 
 
 class Doubts:
-    """By node. Whose agent was counted on for LONGEST starts from the shortest pause again."""
+    """By node. An agent that was relied on for LONGEST starts from the shortest pause again."""
 
     def __init__(self) -> None:
         self._times: dict[str, int] = {}
@@ -26,11 +26,11 @@ class Doubts:
         return min(LONGEST, FIRST * 2.0 ** min(times - 1, 20))
 
     def trust(self, node: str, now: float) -> None:
-        """The node's agent is counted on again."""
+        """Plans rely on the node's agent again."""
         if node in self._times:
             self._trusted[node] = now
 
     def forget(self, node: str) -> None:
-        """There is no such node any more."""
+        """The node is gone."""
         self._times.pop(node, None)
         self._trusted.pop(node, None)

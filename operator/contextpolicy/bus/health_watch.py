@@ -28,7 +28,7 @@ class TaskHealth(NamedTuple):
 
 
 class TaskHealthListener(Protocol):
-    """What hears of tasks; called on the loop's thread."""
+    """Receives tasks' health; called on the loop's thread."""
 
     def on_task_health(self, policy: str, task: str, health: TaskHealth) -> None:
         """A task of the policy that is watched for has reported."""
@@ -55,7 +55,7 @@ class HealthWatch:
         self._subscriber = session.declare_subscriber(key, directly(self._on_sample))
 
     def close(self) -> None:
-        """Hear no more."""
+        """Unsubscribe."""
         self._subscriber.undeclare()
 
     def _on_sample(self, sample: zenoh.Sample) -> None:

@@ -1,4 +1,4 @@
-"""The base of all our HTTP servers: whatever strangers send or hold back takes little memory and keeps nobody out.
+"""The base of all our HTTP servers: whatever clients send or hold back takes little memory and blocks no other client.
 
 A request is its request line and headers, of bounded length, within a bounded time; bodies are never read.
 """
@@ -79,7 +79,7 @@ class HttpServer(DualStack, ThreadingHTTPServer):
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - the base class's signature
         """A client that hangs up is not logged."""
         error = sys.exception()
-        log.log(logging.DEBUG if isinstance(error, OSError) else logging.ERROR, "a request failed", exc_info=error)
+        log.log(logging.DEBUG if isinstance(error, OSError) else logging.ERROR, "HTTP request failed", exc_info=error)
 
 
 class HttpHandler(BaseHTTPRequestHandler):
@@ -88,7 +88,7 @@ class HttpHandler(BaseHTTPRequestHandler):
     server: HttpServer
 
     def handle_one_request(self) -> None:
-        """Answer one request, or hang up on what is none."""
+        """Answer one request, or hang up on an invalid one."""
         request = _read(self.request)
         self.rfile = BytesIO(request)
         if not request or not self.server.begin(self.request):

@@ -11,7 +11,7 @@ EVERYWHERE = "::" if DUAL else "0.0.0.0"  # noqa: S104 - kubelets and scrapers c
 
 
 class DualStack(TCPServer):
-    """Mixed into an HTTP server that listens at EVERYWHERE, it makes it answer both families."""
+    """Mix into an HTTP server that listens at EVERYWHERE, to make it answer on both address families."""
 
     address_family = socket.AF_INET6 if DUAL else socket.AF_INET
 

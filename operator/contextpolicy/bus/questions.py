@@ -1,4 +1,4 @@
-"""Questions from the bus, answered one at a time: nobody who asks without pause delays a plan or fills the memory."""
+"""Queries from the bus, answered one at a time: a flood of them neither delays a plan nor fills the memory."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _Waiting: TypeAlias = "tuple[str, zenoh.Query, Callable[[zenoh.Query], None], in
 
 
 class Questions:
-    """All that a process is asked. `clock` shows seconds and never steps."""
+    """All queries to one process. `clock` shows seconds and never steps."""
 
     def __init__(self, scheduler: SchedulerBase, clock: Callable[[], float] = time.monotonic) -> None:
         self._scheduler, self._clock = scheduler, clock

@@ -23,13 +23,13 @@ log = logging.getLogger(__name__)
 
 
 class BusListener(AgentListener, Protocol):
-    """What hears of the bus; called on the loop."""
+    """Receives news of the bus; called on the loop."""
 
     def on_session(self) -> None:
-        """There is a session."""
+        """The session is open."""
 
     def on_router(self) -> None:
-        """The router came or went."""
+        """The router connected or disconnected."""
 
 
 class RobotBus:
@@ -53,7 +53,7 @@ class RobotBus:
         self._connection = Connection(session, self)
 
     def stop(self) -> None:
-        """Follow nothing any more; what was heard already may still use the session, on the loop."""
+        """Stop following; messages already received may still use the session, on the loop."""
         if self._connection is not None:
             self._connection.close()
         if self._agents is not None:
@@ -75,14 +75,14 @@ class RobotBus:
         return self._agents.gone if self._agents else ()
 
     def take_node(self, node: str) -> None:
-        """The cluster has this node."""
+        """The cluster has gained this node."""
         if node not in self._nodes:
             self._nodes.add(node)
             if self._agents is not None:
                 self._agents.look(node)
 
     def lose_node(self, node: str) -> None:
-        """The cluster has it no more."""
+        """The cluster has lost this node."""
         self._nodes.discard(node)
 
     def usage(self) -> Mapping[str, Usage]:

@@ -1,4 +1,4 @@
-"""What starts the router again when it was killed: a kubelet does it too, but after a pause that grows to 5 min."""
+"""Restarts the router when it was killed: a kubelet does so too, but after a back-off that grows to 5 min."""
 
 from __future__ import annotations
 

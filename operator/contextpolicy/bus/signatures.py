@@ -74,7 +74,7 @@ class _KeyFile(Generic[T]):
         try:
             return self._parse(self._path.read_bytes())
         except (OSError, ValueError, TypeError) as error:
-            raise SigningKeyError(f"{self._path}: no Ed25519 key in PEM: {type(error).__name__}") from error
+            raise SigningKeyError(f"{self._path}: expected an Ed25519 key in PEM: {type(error).__name__}") from error
 
 
 NOBODY: tuple[Ed25519PublicKey, ...] = ()
@@ -82,7 +82,7 @@ NOBODY: tuple[Ed25519PublicKey, ...] = ()
 
 
 class PlanSigner(Protocol):
-    """What proves to agents that a message comes from the operator."""
+    """Proves to agents that a message comes from the operator."""
 
     def sign(self, key: str, payload: bytes | None, now: int) -> bytes | None:
         """The attachment for a message on `key`, None where nothing is signed.
@@ -122,10 +122,10 @@ class Verifier:
     def check(self, key: str, payload: bytes | None, attachment: bytes | None, now: int) -> int:
         """Return the time of signing, in ns since 1970 like `now`; OrderError when the sender is not proven."""
         if attachment is None or len(attachment) != _TIME.size + _SIGNATURE:
-            raise OrderError("Unsigned", f"{key}: a message without the operator's signature")
+            raise OrderError("Unsigned", f"{key}: not signed by the operator")
         [signed] = _TIME.unpack_from(attachment)
         if not self._proven(attachment[_TIME.size :], _signed(key, payload, signed)):
-            raise OrderError("Forged", f"{key}: the signature is not by the operator's key")
+            raise OrderError("Forged", f"{key}: not signed with the operator's key")
         age = (now - signed) / 1e9
         if abs(age) > MAX_AGE:
             raise OrderError(

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def fit_weights(policy: Policy, targets: Sequence[dict[str, Any]], most: Mapping[str, int]) -> list[dict[str, Any]]:
-    """The targets with the weights to write; on a node that `most` does not name there is none."""
+    """The targets with the weights to write; none on a node that `most` does not name."""
     running: dict[str, float] = {}
     found = list(targets)
     for place, target in enumerate(found):

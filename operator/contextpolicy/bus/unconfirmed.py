@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class LateListener(Protocol):
-    """What hears of plans that are not confirmed."""
+    """Receives plans that were not confirmed in time."""
 
     def on_late(self, node: str) -> None:
         """The node's agent has not confirmed a plan in time, and is expected to confirm nothing any more."""

@@ -1,4 +1,4 @@
-"""What a reader of the decision bus knows: the last plan of every policy, and how far it has been applied. Pure."""
+"""A reader's view of the decision bus: the last plan of every policy, and how far it has been applied. Pure."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, OverflowError, Re
 class ShownTarget:
     """One container of a task; `stage` says how far its new `cores` have come, if its node is `resized` at all.
 
-    Where it is `weighted`, the API may hear nothing: an agent writes weights.
+    Where it is `weighted`, the API may not be involved: an agent writes weights.
     """
 
     task: str

@@ -139,7 +139,7 @@ def _bounded(payload: bytes) -> bytes:
 def _within(number: float, least: float, most: float) -> float:
     """The number; ValueError when it is not from `least` to `most`, as NaN is not."""
     if not least <= number <= most:
-        raise ValueError(f"{number!r:.80} is not from {least} to {most}")
+        raise ValueError(f"{number!r:.80}: expected a number from {least} to {most}")
     return number
 
 

@@ -1,4 +1,4 @@
-"""The one door to the API server: what is read there, patched and created."""
+"""All access to the API server: what is read, patched and created there."""
 
 from __future__ import annotations
 
@@ -228,5 +228,5 @@ def _object(answer: bytes, *needed: str) -> dict[str, Any]:
 
 
 def _unreadable(answer: bytes) -> ActuationError:
-    message = f"the answer is not the JSON object that was asked for: {excerpt(answer)}"
+    message = f"expected the JSON object that was requested: {excerpt(answer)}"
     return ActuationError("Unreadable", message, retriable=True, in_doubt=True)

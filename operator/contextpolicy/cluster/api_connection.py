@@ -51,7 +51,7 @@ class Kubeconfig(NamedTuple):
 
 
 class AnswerListener(Protocol):
-    """What hears of the API server's answers, on any thread."""
+    """Receives the API server's answers, on any thread."""
 
     def on_answer(self, method: str, code: str) -> None:
         """A request of this HTTP method was answered with this status code, `none` if there was no answer."""

@@ -90,7 +90,7 @@ def _bus(facts: ClusterFacts) -> Check:
     ready = [pod for pod in facts.routers or () if installation_checks.running("", pod).verdict in up]
     if cut_off:
         remedy = "check the router's pod and zenoh.connect" if not ready else "check security.* and network policies"
-        return Check("bus", Verdict.BAD, cut_off[0]["message"] or "the operator has no router", remedy)
+        return Check("bus", Verdict.BAD, cut_off[0]["message"] or "the operator is not connected to a router", remedy)
     if facts.routers and not ready:
         return Check("bus", Verdict.BAD, "the chart's router is not ready", "kubectl describe its pod")
     return Check("bus", Verdict.OK, f"{len(ready)} routers of the chart" if ready else "a router of your own")
@@ -101,7 +101,7 @@ def _openness(routers: Sequence[Mapping[str, Any]]) -> Iterator[Check]:
     for pod in routers:
         names = {one["name"] for part in pod["spec"]["containers"] for one in part.get("env") or ()}
         if "ZENOH_CREDENTIALS" not in names:
-            seen = "open: anyone who reaches the router can make contexts begin and end"
+            seen = "open: anyone who can reach the router can start and end contexts"
             yield Check(f"router {name_of(pod)}", Verdict.WARNING, seen, "set security.enabled=true")
 
 
@@ -112,7 +112,7 @@ def _certificates(facts: ClusterFacts) -> Iterator[Check]:
             yield Check(subject, Verdict.UNKNOWN, "can't be read", "use an account that may read Secrets there")
             continue
         left = end - facts.now
-        seen = f"ends {end:%Y-%m-%d}, in {left.days} days" if left > timedelta() else f"ended {end:%Y-%m-%d}"
+        seen = f"expires {end:%Y-%m-%d}, in {left.days} days" if left > timedelta() else f"expired {end:%Y-%m-%d}"
         verdict = Verdict.BAD if left < EXPIRES_NOW else Verdict.WARNING if left < EXPIRES_SOON else Verdict.OK
         remedy = "find out why its renewal Job fails: kubectl get jobs -n NAMESPACE; or renew your own"
         yield Check(subject, verdict, seen, remedy)

@@ -199,9 +199,9 @@ class _Registry:
         share, why = max(0, self._nodes[node] - policy.reserve), ""
         rivals, part = self._part(policy, node, _sum(match.stake for match in here))
         if rivals and part < share:
-            share, why = part, f"node {node}: no priority decides between {policy.namespace} and {rivals}, so it "
+            share, why = part, f"node {node}: {policy.namespace} and {rivals} have equal priority, so this policy "
             why += f"divides {part}m: the sum of its containers' limits, "
-            why += "or its part by their requests where they don't fit"
+            why += "or its portion by requests where those don't fit"
         free = max(0, self._nodes[node] - self._taken[node])
         if free < share:
             share, why = free, f"node {node}: {', '.join(self._takers[node])} come first and leave {free}m of "

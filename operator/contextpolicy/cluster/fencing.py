@@ -1,4 +1,4 @@
-"""Fencing: an operator that lost its Lease writes nothing more, however late its threads notice."""
+"""Fencing: an operator that lost its Lease stops writing, however late its threads notice."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 class Fence(Protocol):
-    """Who may act where."""
+    """Decides in which namespaces this operator may act."""
 
     def may_act(self, namespace: str) -> bool:
         """Whether we may write in a namespace at this instant."""
 
 
 class PolicyApi(PageReader, Protocol):
-    """What running policies need of the API server."""
+    """The calls to the API server that running policies need."""
 
     def read(self, path: str) -> dict[str, Any]:
         """GET an object."""
@@ -89,5 +89,5 @@ class FencedApi:
 
     def _check(self, namespace: str) -> None:
         if not self._fence.may_act(namespace):
-            message = f"namespace {namespace} is not ours to act on: no valid Lease"
+            message = f"namespace {namespace}: this operator holds no valid Lease"
             raise ActuationError("NotLeading", message, retriable=True)

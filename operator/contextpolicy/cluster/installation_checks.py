@@ -60,7 +60,7 @@ def _absent(deployments: Sequence[Mapping[str, Any]] | None) -> Check:
     """No pod of an operator: what to do depends on whether one is installed."""
     install = "helm install contextpolicy charts/contextpolicy"
     if deployments is None:
-        return Check("operator", Verdict.BAD, "no pod", f"if `helm list -A` has no release of it: {install}")
+        return Check("operator", Verdict.BAD, "no pod", f"if `helm list -A` shows no release: {install}")
     if not deployments:
         return Check("operator", Verdict.BAD, "not installed", install)
     metadata, wanted = deployments[0]["metadata"], deployments[0]["spec"].get("replicas", 1)
@@ -89,7 +89,7 @@ def rights(facts: ClusterFacts) -> Check:
     """Whether the operator may do what it has to."""
     lacking = facts.lacking
     if facts.operators == []:
-        return Check("operator's rights", Verdict.UNKNOWN, "no operator runs", "start one, and look again")
+        return Check("operator's rights", Verdict.UNKNOWN, "no operator runs", "start one, then run `doctor` again")
     if lacking is None:
         return Check("operator's rights", Verdict.UNKNOWN, "can't be checked", "use an account that may review access")
     if lacking:

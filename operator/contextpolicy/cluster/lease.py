@@ -179,7 +179,7 @@ class Candidacy:
     def fail(self, now: float, refused: str = "") -> None:
         """The write failed, or its answer was lost; the current Lease is passed to `see`, if it can be read.
 
-        `refused` says why asking again soon is of no use.
+        `refused` says why retrying soon is pointless.
         """
         self.refused = refused
         if refused:
@@ -188,7 +188,7 @@ class Candidacy:
             self._due = now + AGAIN
 
     def resign(self) -> Lease | None:
-        """Stop acting, and want it no more; returns the Lease to write, None when it is not ours to give back."""
+        """Stop acting and campaigning; returns the Lease to write, None when there is none to give back."""
         mine, self.wanted, self.acts_until = self.held and not self.lost, False, -inf
         return replace(self._seen, holder="", seconds=1) if mine and self._seen else None
 

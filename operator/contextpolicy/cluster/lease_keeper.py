@@ -28,7 +28,7 @@ last, or, of a release that was restarted, who saw no other hold it."""
 
 
 class LeaseApi(ListWatch, Protocol):
-    """What keeping Leases needs of the API server."""
+    """The calls to the API server that keeping Leases needs."""
 
     def lease(self, namespace: str, name: str) -> Lease:
         """GET a Lease."""
@@ -38,10 +38,10 @@ class LeaseApi(ListWatch, Protocol):
 
 
 class LeaseListener(Protocol):
-    """What hears of Leases; called on any thread."""
+    """Receives news of Leases; called on any thread."""
 
     def on_lease(self) -> None:
-        """A Lease was looked at or written: what we may do may have changed."""
+        """A Lease was read or written, so the namespaces that this operator may act in may have changed."""
 
 
 def clock() -> float:
@@ -74,7 +74,7 @@ class LeaseKeeper:
         self._thread.start()
 
     def stop(self) -> None:
-        """Act no more, and give back what is ours."""
+        """Stop acting, and give the held Leases back."""
         self.abandon()
         with self._news:
             held = {namespace: candidacy.resign() for namespace, candidacy in self._candidacies.items()}
@@ -83,7 +83,7 @@ class LeaseKeeper:
                 self._give_back(namespace, given)
 
     def abandon(self) -> None:
-        """End the threads; what is ours runs out in our name."""
+        """End the threads without giving the Leases back: they expire."""
         with self._news:
             self._stopping = True
             self._news.notify()
@@ -97,7 +97,7 @@ class LeaseKeeper:
         if self._watch is not None:
             self._watch.check()
         if not self._thread.is_alive():
-            raise RuntimeError(f"the Lease {self._name} is not kept any more")
+            raise RuntimeError(f"Lease {self._name} is no longer renewed")
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         """The watched Lease has changed."""
@@ -111,13 +111,13 @@ class LeaseKeeper:
         """Nothing: what the watch can't see is looked at all the same."""
 
     def stand(self, namespace: str, candidacy: Candidacy) -> None:
-        """Run for the Lease of a namespace from now on, in place of an earlier candidacy."""
+        """Campaign for the Lease of a namespace, in place of an earlier candidacy."""
         with self._news:
             self._candidacies[namespace] = candidacy
             self._news.notify()
 
     def leave(self, namespace: str) -> None:
-        """Run for it no more."""
+        """Stop campaigning for the Lease of a namespace."""
         with self._news:
             candidacy = self._candidacies.pop(namespace, None)
             given = candidacy.resign() if candidacy else None
@@ -169,7 +169,7 @@ class LeaseKeeper:
         """The namespace is being deleted, and its Lease is gone."""
         with self._news:
             if candidacy.other:
-                candidacy.fail(clock(), f"it is being deleted, and {candidacy.other} serves it until it is gone")
+                candidacy.fail(clock(), f"it is being deleted, and {candidacy.other} serves it until then")
             else:
                 self.interruptions += candidacy.succeed(wanted, sent, clock())
 

@@ -89,7 +89,7 @@ def examine(  # noqa: PLR0913, PLR0917 - as `claims.claim`
 
 
 def _request(container: ContainerView, before: Cpu | None) -> int:
-    """What it requested before any policy, as far as the kubelet granted it: anybody may write more."""
+    """What it requested before any policy, as far as the kubelet granted it: anyone may write more."""
     if before is not None and before.request != container.spec.request:
         return before.request or 0
     return container.admitted

@@ -26,7 +26,7 @@ TIMEOUT = 5.0
 
 
 class LeaseReader(Protocol):
-    """What it needs of the API server."""
+    """The calls to the API server that this needs."""
 
     def lease(self, namespace: str, name: str) -> Lease:
         """GET a Lease."""
@@ -73,7 +73,9 @@ class Occupancy:
         """
         first, now = self._first.get(namespace), self._look(namespace)
         if first is None:
-            raise ActuationError("NotSettled", f"the Lease of {namespace} could not be read at first", retriable=True)
+            raise ActuationError(
+                "NotSettled", f"the Lease of namespace {namespace} could not be read at the start", retriable=True
+            )
         if now.holder == self._release and self._release:
             now = self._renewed(namespace, now)
         if now.holder in ("", self._release):
@@ -100,7 +102,7 @@ class Occupancy:
             return False
 
     def _renewed(self, namespace: str, own: Lease) -> Lease:
-        """Our Lease, renewed; or that of who was faster."""
+        """Our Lease, renewed, or that of another release that was faster."""
         if self._dry_run:
             return own
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
@@ -116,5 +118,5 @@ class Occupancy:
 
 
 def _patience(first: Lease) -> int:
-    """A Lease without a holder is not waited for as long as it says, which nobody means."""
+    """A Lease without a holder is not waited for as long as its duration, which means nothing then."""
     return first.seconds or MISSING if first.holder else min(first.seconds or MISSING, MISSING)

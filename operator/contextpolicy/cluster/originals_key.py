@@ -24,7 +24,7 @@ PAUSES = (0.1, 0.2, 0.5, 1.0)
 
 
 class SecretApi(Protocol):
-    """What it needs of the API server."""
+    """The calls to the API server that the key needs."""
 
     def secret(self, namespace: str, name: str) -> Secret:
         """The files of a Secret."""

@@ -32,7 +32,7 @@ class Page(NamedTuple):
 
 
 class PageReader(Protocol):
-    """What it needs of the API server."""
+    """The call to the API server that paging needs."""
 
     def read_page(self, path: str, most: int | None) -> Page | None:
         """GET a part of a list; None if it has more bytes than `most`."""

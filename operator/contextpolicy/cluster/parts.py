@@ -39,5 +39,5 @@ def parts(total: int, stakes: Mapping[str, Stake]) -> dict[str, int]:
 
 
 def _weight(stake: Stake) -> int:
-    """The kernel runs also who requests nothing."""
+    """The kernel also gives time to containers that request nothing."""
     return max(1, stake.request)

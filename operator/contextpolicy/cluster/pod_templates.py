@@ -1,4 +1,4 @@
-"""What a pod's owner says that its containers have: the pod template of a built-in controller."""
+"""The CPU of containers by their pod's owner: the pod template of a built-in controller."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PATHS = {
 
 
 class OwnerApi(Protocol):
-    """What it needs of the API server."""
+    """The call to the API server that templates need."""
 
     def read(self, path: str) -> dict[str, Any]:
         """GET an object."""

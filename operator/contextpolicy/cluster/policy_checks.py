@@ -23,7 +23,7 @@ WERE_TRUE = {False: "were True while an operator served it", None: "were True wh
 
 
 def services(found: Mapping[str, Service]) -> Iterator[Check]:
-    """The namespaces whose policies nobody serves."""
+    """The namespaces whose policies no operator serves."""
     for namespace, service in found.items():
         subject, said = f"namespace {namespace}", service.sentence(namespace)
         if service.served is None:

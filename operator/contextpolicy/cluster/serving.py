@@ -24,7 +24,7 @@ class Service(NamedTuple):
     silent: int | None = None
 
     def sentence(self, namespace: str) -> str:
-        """What people should know of it; empty where an operator serves the namespace."""
+        """The warning to print; empty where an operator serves the namespace."""
         if self.served is None:
             return f"cannot tell whether an operator serves namespace {namespace}: no permission to read its Lease"
         if self.silent is None:

@@ -39,7 +39,7 @@ class ListWatch(PageReader, Protocol):
 
 
 class WatchListener(Protocol):
-    """What hears of a list's changes."""
+    """Receives a list's changes."""
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         """An object is new, was there already, or has changed."""
@@ -83,13 +83,13 @@ class ObjectWatch:
         self._thread.join(timeout=5)
 
     def __str__(self) -> str:
-        """What it follows."""
+        """The path of the list."""
         return self._path
 
     def check(self) -> None:
         """RuntimeError when the thread has ended."""
         if not self._thread.is_alive():
-            raise RuntimeError(f"{self._path} is not watched any more")
+            raise RuntimeError(f"{self._path} is no longer watched")
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -148,7 +148,7 @@ class ObjectWatch:
         if self._stop.is_set():
             return
         if self._failures == 0:
-            log.warning("%s can't be watched, retrying: %s", self._path, error)
+            log.warning("%s: watch failed, retrying: %s", self._path, error)
         if isinstance(error, ActuationError) and error.reason == "Forbidden":
             self._note_refusal(str(error))
         self._stop.wait(PAUSES[min(self._failures, len(PAUSES) - 1)])

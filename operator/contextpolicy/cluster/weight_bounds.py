@@ -1,4 +1,4 @@
-"""What the weights of policies may add up to on a node, so that everybody else keeps what it requests. Pure.
+"""What the weights of policies may add up to on a node, so that all other pods keep what they request. Pure.
 
 Contested CPU is divided by weight, and a pod that no policy weighs has its request as its weight. So if all weights of
 a node fit into it together, who wants it gets at least its own weight. All amounts are thousandths of a core.

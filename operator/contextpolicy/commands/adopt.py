@@ -25,7 +25,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Declare the command."""
     parser = subparsers.add_parser(
         "adopt",
-        help="make a promoted shadow the policy",
+        help="replace a policy's spec with that of its promoted shadow",
         description="Write the spec of a promoted shadow into the policy that it is a shadow of, and delete the "
         "shadow; nothing that is in force changes. Under GitOps move the spec in Git, or the next sync undoes this.",
     )
@@ -43,11 +43,11 @@ def main(arguments: argparse.Namespace) -> int:
         target = of["metadata"]["name"]
         if (of.get("status") or {}).get("promotedShadow") != name:
             raise ClusterAccessError(
-                f"{namespace}/{name} is not in force: `promote` it first, and see that it stays so"
+                f"{namespace}/{name} is not in force: `promote` it first, and watch it for a while"
             )
         api.change_policy(namespace, target, adopted(of["spec"], body["spec"]))
         api.delete_policy(namespace, name)
-    print(f"{namespace}/{target}: has the spec of {name}, which is deleted")
+    print(f"{namespace}/{target}: spec replaced by that of {name}, which is deleted")
     return 0
 
 

@@ -31,10 +31,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "agent",
         help="run the node agent",
         description="Receive plans on the decision bus and write this node's cgroups (weights, CPU limits, realtime "
-        "budgets) at once, until SIGTERM; then undo what the API did not confirm. Settings come from the environment: "
-        "NODE_NAME, PLAN_SIGNING (the directory of the operator's certificate), ZENOH_CONNECT, ZENOH_CREDENTIALS, "
-        "CGROUP_ROOT (default /sys/fs/cgroup), POD_LOGS (default /var/log/pods), STATE_DIRECTORY (default "
-        "/run/contextpolicy), METRICS_PORT (also answers /healthz), LOG_FORMAT, LOG_LEVEL.",
+        "budgets) at once, until SIGTERM; then undo what the API has not confirmed. Settings come from the "
+        "environment: NODE_NAME, PLAN_SIGNING (the directory of the operator's certificate), ZENOH_CONNECT, "
+        "ZENOH_CREDENTIALS, CGROUP_ROOT (default /sys/fs/cgroup), POD_LOGS (default /var/log/pods), "
+        "STATE_DIRECTORY (default /run/contextpolicy), METRICS_PORT (also answers /healthz), LOG_FORMAT, LOG_LEVEL.",
     )
     parser.add_argument(
         "--priority",
@@ -76,14 +76,14 @@ def main(arguments: argparse.Namespace) -> int:
     threading.excepthook = fail
     state = StateDirectory(own.state)
     if not state.begin_life(TURN):
-        log.error("%s: held for %g s by another agent, or a supervisor that undoes", state.lock, TURN)
+        log.error("%s: another agent, or a supervisor that undoes, has held the lock for %g s", state.lock, TURN)
         return 1
     _run(own, stop)
     return 1 if failed.is_set() else 0
 
 
 def _run(settings: AgentSettings, stop: threading.Event) -> None:
-    """Start before the bus is there: what an earlier run left is undone in time even if no router ever answers."""
+    """Start before the bus is connected: an earlier run's changes are undone in time even if no router ever answers."""
     from contextpolicy.agent.agent import Agent
     from contextpolicy.agent.agent_metrics import CONNECTED
     from contextpolicy.agent.bus_link import AgentBus

@@ -26,25 +26,25 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Declare the command."""
     parser = subparsers.add_parser(
         "agent-supervisor",
-        help="undo what a killed node agent left",
-        description="Wait until the node agent dies, and undo what it left unless another agent starts within the "
-        "grace period; until SIGTERM. Settings come from the environment, as the agent's: CGROUP_ROOT, "
-        "STATE_DIRECTORY, LOG_FORMAT, LOG_LEVEL; with NODE_NAME, ZENOH_CONNECT and ZENOH_CREDENTIALS the operator "
-        "learns that something was undone.",
+        help="undo what a killed node agent left behind",
+        description="Until SIGTERM: wait until the node agent dies, and undo what it left behind unless another agent "
+        "starts within the grace period. Settings come from the environment, like the agent's: CGROUP_ROOT, "
+        "STATE_DIRECTORY, LOG_FORMAT, LOG_LEVEL; with NODE_NAME, ZENOH_CONNECT and ZENOH_CREDENTIALS, the supervisor "
+        "notifies the operator of what it undid.",
     )
     parser.add_argument(
         "--grace",
         type=float,
         default=10.0,
         metavar="SECONDS",
-        help="how long to wait for another agent after one died (default: %(default)s)",
+        help="how long to wait for another agent after one has died (default: %(default)s)",
     )
     parser.add_argument(
         "--patience",
         type=float,
         default=20.0,
         metavar="SECONDS",
-        help="how long to wait at SIGTERM for the agent to end (default: %(default)s)",
+        help="how long to wait for the agent to end after SIGTERM (default: %(default)s)",
     )
     parser.add_argument("--undo", action="store_true", help="undo now, unless an agent is running, and exit")
     parser.set_defaults(main=main)
@@ -72,7 +72,7 @@ def _supervise(state: StateDirectory, arguments: argparse.Namespace) -> bool:
     supervisor = AgentSupervisor(state, own, grace=arguments.grace, patience=arguments.patience)
     WriteWatch(supervisor).add(state.lock)
     stop_on_signals(supervisor.stop)
-    log.info("watching over the agent")
+    log.info("watching the agent")
     return supervisor.run()
 
 
@@ -100,9 +100,9 @@ def _undo(settings: AgentSettings, state: StateDirectory) -> bool:
 
 
 def _announce(settings: AgentSettings) -> None:
-    """Show the operator an agent that comes and goes: after that it has the kubelet write the API's limits once more.
+    """Announce an agent that comes and goes: the operator then makes the kubelet write the API's limits once more.
 
-    An agent that was frozen is no news to it when it dies, and what it wrote may be undone long after the takeover.
+    The death of a frozen agent would go unnoticed, and what it wrote may be undone long after the takeover.
     """
     import zenoh
 

@@ -30,7 +30,7 @@ def directory(text: str) -> Path:
 
 
 def connect(text: str) -> str:
-    """Zenoh endpoints, comma separated; Zenoh's own refusal is an error of its implementation."""
+    """Zenoh endpoints, comma separated; Zenoh's own refusal would be an internal error."""
     for endpoint in text.split(","):
         if not _ENDPOINT.fullmatch(endpoint):
             expected = "an endpoint such as tcp/192.168.1.2:7447"

@@ -29,15 +29,15 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "The chart creates the Secrets empty. Valid certificates are left alone.",
     )
     parser.add_argument(
-        "--release", metavar="NS/NAME", required=True, help="its namespace, and the prefix of its Secrets"
+        "--release", metavar="NS/NAME", required=True, help="the release's namespace, and the prefix of its Secrets"
     )
-    parser.add_argument("--no-bus", action="store_true", help="write none for the bus: you bring your own")
-    parser.add_argument("--no-signing", action="store_true", help="write no key that signs plans: you bring your own")
+    parser.add_argument("--no-bus", action="store_true", help="write no certificates for the bus: you bring your own")
+    parser.add_argument("--no-signing", action="store_true", help="write no key for signing plans: you bring your own")
     parser.add_argument(
         "--router-name", metavar="NAME", action="append", default=[], help="a host or address of the router; repeatable"
     )
     parser.add_argument(
-        "--share", metavar="NS", action="append", default=[], help="a robot's namespace; repeatable (default: none)"
+        "--share", metavar="NS", action="append", default=[], help="a namespace of robots; repeatable (default: none)"
     )
     add_cluster(parser)
     parser.set_defaults(main=main)
@@ -77,7 +77,7 @@ def renew(api: ApiServer, release: Release, now: datetime, built: datetime) -> b
     files = {place: secret.files for place, secret in found.items()}
     time = moment(release, {place: files[place] for place in own}, now, built)
     if time != now:
-        print(f"the clock must be wrong, it says {now:%F}: nothing is renewed, and {time:%F} is used instead")
+        print(f"the clock shows {now:%F}, which must be wrong: nothing is renewed, and {time:%F} is used instead")
     changes = {place: content for place, content in due(release, files, time).items() if place in found}
     failed = len(places) - len(found)
     for place, content in sorted(changes.items(), key=lambda change: change[0] in shared):
@@ -105,7 +105,9 @@ def _readable(api: ApiServer, places: Iterable[Place]) -> dict[Place, Secret]:
 
 
 def _complain(place: Place, error: Exception) -> None:
-    remedy = "if it exists, delete it; an upgrade makes it again. Or remove its namespace from security.namespaces"
+    remedy = (
+        "if it exists, delete it and upgrade, which creates it again; or remove its namespace from security.namespaces"
+    )
     print(f"{place.namespace}/{place.name}: NOT written: {error}; {remedy}", file=sys.stderr)
 
 

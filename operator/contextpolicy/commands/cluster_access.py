@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.api_connection import Kubeconfig
     from contextpolicy.cluster.serving import Service
 
-MEANT = "is {address} the API server of the cluster that you mean (--context, --kubeconfig)?"
+MEANT = "check that {address} is the API server that you mean (--context, --kubeconfig)"
 REMEDIES = {
-    "Unreachable": f"does it run, and {MEANT}",
+    "Unreachable": f"{MEANT}, and that it is running",
     "Unreadable": MEANT,
     "NotFound": MEANT,
     "Unauthorized": "log in again, or name a context with valid credentials (--context, --kubeconfig)",
     "Forbidden": "ask for that permission, or name a context that has it (--context, --kubeconfig)",
-    "ServerError": "try again; `kubectl get --raw /readyz?verbose` says what is wrong there",
+    "ServerError": "try again; `kubectl get --raw /readyz?verbose` shows what is wrong there",
 }
 """What to do when the API server does not answer, or refuses, by the reason."""
 
@@ -40,28 +40,30 @@ def carried_out(service: Service, namespace: str) -> bool:
 
 
 class ClusterAccessError(ContextPolicyError):
-    """The cluster or its operator can't be reached, or does not know what is asked for."""
+    """The cluster or its operator can't be reached, or does not have what is asked for."""
 
 
 def add_cluster(parser: argparse.ArgumentParser) -> None:
-    """Declare which cluster is meant, as kubectl has it."""
-    parser.add_argument("--kubeconfig", metavar="FILE", help="default: KUBECONFIG, else ~/.kube/config")
-    parser.add_argument("--context", metavar="NAME", dest="cluster", help="of the kubeconfig (default: current)")
+    """Declare the options that choose the cluster, as in kubectl."""
+    parser.add_argument(
+        "--kubeconfig", metavar="FILE", help="the kubeconfig (default: KUBECONFIG, else ~/.kube/config)"
+    )
+    parser.add_argument("--context", metavar="NAME", dest="cluster", help="the kubeconfig's context (default: current)")
 
 
 def add_namespace(parser: argparse.ArgumentParser, *, or_all: bool = False) -> None:
-    """Declare `-n`, perhaps `-A` in its place, and which cluster is meant, as kubectl has it."""
+    """Declare `-n`, `-A` if `or_all`, and the options that choose the cluster, as in kubectl."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "-n", "--namespace", metavar="NS", help="of the policy (default: that of the kubeconfig's context)"
+        "-n", "--namespace", metavar="NS", help="the policy's namespace (default: that of the kubeconfig's context)"
     )
     if or_all:
-        where.add_argument("-A", "--all-namespaces", action="store_true", help="all policies of the cluster")
+        where.add_argument("-A", "--all-namespaces", action="store_true", help="policies of every namespace")
     add_cluster(parser)
 
 
 def kubeconfig_of(arguments: argparse.Namespace | None) -> Kubeconfig:
-    """What the command line says of the cluster."""
+    """The kubeconfig and context that the command line names."""
     from contextpolicy.cluster.api_connection import Kubeconfig
 
     return Kubeconfig(getattr(arguments, "kubeconfig", None), getattr(arguments, "cluster", None))
@@ -84,7 +86,7 @@ def api_server(arguments: argparse.Namespace | None = None) -> Iterator[ApiServe
 
 
 class _Uncounted:
-    """A command ends before anybody could read how often it asked."""
+    """Counts nothing: a command ends before its metrics could be scraped."""
 
     def on_answer(self, method: str, code: str) -> None:
         """Nothing."""
@@ -94,12 +96,12 @@ def reference_of(arguments: argparse.Namespace) -> tuple[str, str]:
     """Namespace and name of what the command line calls a policy: `NAME` with `-n`, or `NAMESPACE/NAME`."""
     before, slash, name = arguments.policy.rpartition("/")
     if slash and arguments.namespace not in (None, before):
-        raise ClusterAccessError(f"invalid value {arguments.policy!r}: with -n, expected a name of that namespace")
+        raise ClusterAccessError(f"invalid value {arguments.policy!r}: expected a policy of -n {arguments.namespace}")
     return (before if slash else namespace_of(arguments)), name
 
 
 def namespace_of(arguments: argparse.Namespace | None = None) -> str:
-    """The one given, else that of the kubeconfig's context."""
+    """The namespace given, else that of the kubeconfig's context."""
     from kubernetes import config
     from yaml import YAMLError
 
@@ -128,13 +130,13 @@ def policy_object(api: ApiServer, namespace: str, name: str) -> dict[str, Any]:
     known = (
         f"expected one of {', '.join(names)}{did_you_mean(name, names)}"
         if names
-        else "the namespace has none: name another with -n"
+        else "the namespace has no policies; choose another with -n"
     )
     raise ClusterAccessError(f"policy {namespace}/{name} not found: {known}")
 
 
 def policies(api: ApiServer, namespace: str | None) -> list[dict[str, Any]]:
-    """Those of a namespace, or of all (None); ClusterAccessError where the cluster does not know what a policy is."""
+    """Those of a namespace, or of all (None); ClusterAccessError where the custom resource is not defined."""
     try:
         return list(api.policies(namespace))
     except ActuationError as error:

@@ -32,7 +32,7 @@ class CommandParser(argparse.ArgumentParser):
         super().__init__(**{"allow_abbrev": False, "formatter_class": HelpFormatter, **settings})
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
-        """Argparse leaves unknown words to the parser of all commands, whose usage helps nobody."""
+        """Report unknown words here: argparse leaves them to the parser of all commands, whose usage would not help."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = (word.partition("=")[0] for word in unknown if word.startswith("-"))
@@ -57,12 +57,12 @@ class CommandParser(argparse.ArgumentParser):
         raise argparse.ArgumentError(action, f"invalid choice: {value!r}, expected one of {listed}{meant}")
 
     def _print_message(self, message: str, file: Any = None) -> None:
-        """Argparse ignores that help can't be written."""
+        """Fail where help can't be written, which argparse ignores."""
         (file or sys.stderr).write(message)
 
 
 def _meant(word: object, known: Iterable[str]) -> str:
-    """Loaded when a word is wrong: what runs for good needs no suggestions."""
+    """The suggestion for a wrong word; loaded only then, as long-running commands need none."""
     from contextpolicy.policy.suggestions import did_you_mean
 
     return did_you_mean(word, known)

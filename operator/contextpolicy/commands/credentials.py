@@ -1,4 +1,4 @@
-"""`contextpolicy credentials ROLE DIRECTORY`: what a client outside of the cluster needs to get onto the bus."""
+"""`contextpolicy credentials ROLE DIRECTORY`: what a client outside the cluster needs to join the bus."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("role", choices=ROLES, help="what the certificate allows")
     parser.add_argument("directory", type=Path, metavar="DIRECTORY", help="created if it does not exist")
-    parser.add_argument("-n", "--namespace", metavar="NS", help="of the release (default: where its operator is)")
+    parser.add_argument(
+        "-n", "--namespace", metavar="NS", help="the release's namespace (default: where its operator runs)"
+    )
     add_cluster(parser)
     parser.set_defaults(main=main)
 
@@ -47,7 +49,7 @@ def main(arguments: argparse.Namespace) -> int:
         path = directory / name
         path.touch(mode=0o600)
         path.write_bytes(content)
-    print(f"{directory}: {', '.join(files)} of role {arguments.role}")
+    print(f"{directory}: wrote {', '.join(files)} for role {arguments.role}")
     return 0
 
 
@@ -60,7 +62,7 @@ def fetch(api: ApiServer, role: str, namespace: str | None) -> Mapping[str, byte
     except ActuationError as error:
         raise ClusterAccessError(f"Secret {place}/{name} can't be read: {error}") from error
     if not files:
-        raise ClusterAccessError(f"Secret {place}/{name} is empty: the Job that makes certificates has not run yet")
+        raise ClusterAccessError(f"Secret {place}/{name} is empty: the Job that creates certificates has not run yet")
     return files
 
 
@@ -73,13 +75,13 @@ def secret_of(role: str, operators: Sequence[Mapping[str, Any]]) -> tuple[str, s
         if volume["name"] == "bus"
     }
     if not operators:
-        raise ClusterAccessError(f"no operator is here: no pod has the labels {OPERATOR}")
+        raise ClusterAccessError(f"no operator found: no pod has the labels {OPERATOR}")
     if not found:
         raise ClusterAccessError("the bus is open (security.enabled=false): no certificate is needed")
     if len(found) > 1:
         names = ", ".join(sorted(namespace for namespace, _ in found))
-        raise ClusterAccessError(f"several releases run here: name the namespace of one with -n: {names}")
+        raise ClusterAccessError(f"several releases run here: choose the namespace of one with -n: {names}")
     [(namespace, name)] = found
     if not name.endswith(OWN):
-        raise ClusterAccessError(f"the certificates are your own (Secret {namespace}/{name}): the chart makes none")
+        raise ClusterAccessError(f"the certificates are your own (Secret {namespace}/{name}): the chart creates none")
     return namespace, f"{name.removesuffix(OWN)}-bus-{role}"

@@ -1,4 +1,4 @@
-"""`contextpolicy doctor`: what stands in the way on this cluster, and how to fix it."""
+"""`contextpolicy doctor`: what is wrong on this cluster, and how to fix it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Declare the command."""
     parser = subparsers.add_parser(
         "doctor",
-        help="find what stands in the way on this cluster",
+        help="find what is wrong on this cluster",
         description="Check the API server, kubelets, cgroups, the operator and its rights, the bus and every policy, "
         "and say how to fix what is wrong. Changes nothing. What you may not read is unknown, not wrong.",
     )

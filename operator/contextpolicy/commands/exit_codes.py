@@ -12,10 +12,10 @@ WRITTEN = ("done", "written, but no operator serves the namespace: it takes effe
 MODES = ("pause", "resume", "dry-run", "promote")
 
 ANSWERS = {
-    "COMMAND": ("yes, or done", "the answer is no: the command's own --help says to what"),
+    "COMMAND": ("success", "a negative result: each command's --help says which"),
     "status": ("every policy is Ready", "a policy is not Ready, or no operator serves it"),
     **dict.fromkeys(("force", *MODES), WRITTEN),
-    "certificates": ("all are good", "one in a robot's namespace could not be read or written; the others are good"),
+    "certificates": ("all are valid", "one in a robot's namespace could not be read or written; the others are valid"),
     "doctor": ("nothing is wrong", "something is wrong"),
     "why-not": ("explained", "the named context holds"),
     "restore": ("all containers are restored", "some are not restored: run it again"),

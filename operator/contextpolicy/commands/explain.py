@@ -30,7 +30,7 @@ PATIENCE = 3.0
 
 
 class NoAnswerError(ContextPolicyError):
-    """Nobody on the bus answers."""
+    """No reply on the bus."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -40,8 +40,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="explain why a task has its share",
         description="Explain in sentences why each task has its share: samples, score, pre-conditions, contexts, task "
         "graph, Eq. 1 or 2, bounds and needs. For activities and contexts that do not hold, show the decisive part of "
-        "the condition and the stream that it waits for. Either live from the operator, or at one time of a "
-        "simulation.",
+        "the condition and the stream that it waits for. Reads the running operator, or simulates up to "
+        "one point in time.",
     )
     parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME; with --timeline a policy file")
     parser.add_argument("task", metavar="TASK", nargs="?", help="one task (default: all)")
@@ -64,7 +64,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         help="ask through the router at tcp/HOST:7447 (default: through the cluster, with kubectl)",
     )
     add_credentials(parser)
-    parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: when (default: at its end)")
+    parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: at S seconds (default: its end)")
     robot_arguments.add(parser)
     recording_arguments.add(parser)
 
@@ -86,9 +86,9 @@ def explanation_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _refuse_file(policy: str) -> None:
-    """A file is easily named in place of a policy of the cluster, whose name can have no such ending."""
+    """Refuse a file name in place of a policy of the cluster, whose name can't have such an ending."""
     if policy.endswith((".yaml", ".yml", ".json")) or Path(policy).is_file():
-        raise NoAnswerError(f"{policy} is a file: give --timeline with the samples on which it decides")
+        raise NoAnswerError(f"{policy} is a file: also pass --timeline with the samples to decide on")
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -137,8 +137,8 @@ def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
     if answer is not None:
         return answer
     raise NoAnswerError(
-        f"no operator at {arguments.connect} explains {arguments.policy}: is it running, and is that the policy's "
-        "NAMESPACE/NAME?"
+        f"no operator at {arguments.connect} answers for {arguments.policy}: check that it is running, and that the "
+        "policy's NAMESPACE/NAME is right"
     )
 
 

@@ -35,7 +35,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME")
     parser.add_argument("context", metavar="CONTEXT", nargs="?", help="context to force; not needed with --end")
     parser.add_argument(
-        "--for", dest="lasts", type=_duration, metavar="DURATION", default="10m", help="30s, 5m, 2h (default: 10m)"
+        "--for",
+        dest="lasts",
+        type=_duration,
+        metavar="DURATION",
+        default="10m",
+        help="such as 30s or 2h (default: 10m)",
     )
     parser.add_argument("--end", action="store_true", help="stop forcing a context")
     add_namespace(parser)
@@ -45,7 +50,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def main(arguments: argparse.Namespace) -> int:
     """Set or remove `spec.force`."""
     if bool(arguments.context) is arguments.end:
-        raise ClusterAccessError("name a CONTEXT, or give --end")
+        raise ClusterAccessError("expected either a CONTEXT or --end")
     namespace, name = reference_of(arguments)
     with api_server(arguments) as api:
         body = policy_object(api, namespace, name)
@@ -57,7 +62,7 @@ def main(arguments: argparse.Namespace) -> int:
             _refuse_unknown(body, arguments.context)
             until = (datetime.now(UTC) + arguments.lasts).strftime("%Y-%m-%dT%H:%M:%SZ")
             api.change_policy(namespace, name, {"force": {"context": arguments.context, "until": until}})
-            done = f"{arguments.context} {'holds' if service.served else 'is to hold'} until {until}"
+            done = f"{arguments.context} {'holds' if service.served else 'is set to hold'} until {until}"
     print(f"{namespace}/{name}: {done}")
     return OK if carried_out(service, namespace) else NO
 

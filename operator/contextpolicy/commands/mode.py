@@ -1,4 +1,4 @@
-"""`contextpolicy pause`, `resume`, `dry-run` and `promote`: what happens with a policy's plans."""
+"""`contextpolicy pause`, `resume`, `dry-run` and `promote`: set what happens with a policy's plans."""
 
 from __future__ import annotations
 
@@ -41,17 +41,19 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Set the mode; setting it to what it is changes nothing."""
+    """Set the mode; a policy that already has it is not changed."""
     namespace, name = reference_of(arguments)
     with api_server(arguments) as api:
         body = policy_object(api, namespace, name)
         if arguments.command == "promote":
             shadow.of(body)
         elif arguments.command == "resume" and "shadow" in body["spec"]:
-            raise ClusterAccessError(f"{namespace}/{name} is a shadow: `promote` carries it out")
+            raise ClusterAccessError(f"{namespace}/{name} is a shadow: use `promote` to carry it out")
         service = api.service(namespace)
         before = body["spec"].get("mode", "Enforce")
         if before != arguments.mode:
             api.change_policy(namespace, name, {"mode": arguments.mode})
-    print(f"{namespace}/{name}: {before} -> {arguments.mode}" if before != arguments.mode else f"{name}: is {before}")
+    print(
+        f"{namespace}/{name}: {before} -> {arguments.mode}" if before != arguments.mode else f"{name}: already {before}"
+    )
     return OK if carried_out(service, namespace) else NO

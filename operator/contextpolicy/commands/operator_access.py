@@ -1,4 +1,4 @@
-"""How commands reach the operator: what only it knows, by a port-forward to its live page."""
+"""How commands reach the operator: by a port-forward to its live page."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def all_boards(
 
 
 def _answers_of(asked: Mapping[str, Callable[[], T]]) -> dict[str, T]:
-    """What those that can be asked say, by release; the error of the last one if none can."""
+    """The answers by release; the last error if there is none."""
     found: dict[str, T] = {}
     failure: ClusterAccessError | None = None
     for release, ask in asked.items():
@@ -116,7 +116,7 @@ def _deciding(
 def _forwarded(pod: OperatorPod, kubeconfig: Kubeconfig) -> Iterator[Callable[..., Any]]:
     kubectl = shutil.which("kubectl")
     if kubectl is None:
-        raise ClusterAccessError("kubectl is not on the PATH: it opens the way to the operator (or use --connect)")
+        raise ClusterAccessError("kubectl is not on the PATH: it is needed to reach the operator (or use --connect)")
     named = {"--kubeconfig": kubeconfig.file, "--context": kubeconfig.context}
     options = [f"{option}={value}" for option, value in named.items() if value]
     argv = [kubectl, *options, "port-forward", "--namespace", pod.namespace, f"pod/{pod.name}", f":{pod.port}"]
@@ -134,7 +134,7 @@ def _pods(api: ApiServer, namespace: str | None) -> list[OperatorPod]:
     """The operator's pods: one that leads, and its standbys; those of all releases if we may not read the Lease."""
     pods = running(api.items(f"/api/v1/pods?labelSelector={quote(OPERATOR)}"))
     if not pods:
-        raise ClusterAccessError(f"no operator runs here, see `doctor`: no running pod has the labels {OPERATOR}")
+        raise ClusterAccessError(f"no operator found, see `doctor`: no running pod has the labels {OPERATOR}")
     holder = _holder(api, namespace) if namespace and len(releases(pods)) > 1 else None
     if holder is None:
         return pods
@@ -196,7 +196,9 @@ def asker(port: int) -> Callable[..., Any]:
             said = error.read().decode(errors="replace").strip()
             if said == "null":
                 return None
-            raise ClusterAccessError(f"the operator says: {said}; see `doctor`, or try again") from error
+            raise ClusterAccessError(
+                f"the operator answered with an error: {said}; see `doctor`, or try again"
+            ) from error
         except (OSError, HTTPException, ValueError) as error:
             said = " ".join(str(error).split())
             raise ClusterAccessError(f"the operator does not answer: {said}; see `doctor`, or try again") from error

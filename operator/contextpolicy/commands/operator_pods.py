@@ -21,9 +21,9 @@ class OperatorPod(NamedTuple):
 
 
 def running(items: Iterable[Mapping[str, Any]]) -> list[OperatorPod]:
-    """Those that answer; an operator's own Lease is in its namespace, and a pod that says otherwise is none.
+    """Those that run; without pods that claim a Lease of another namespace, which no operator's is.
 
-    Neither is one whose page's port is no number.
+    Nor those whose page's port is not a number.
     """
     pods = [_read(item) for item in items if item["status"].get("phase") == "Running"]
     return [pod for pod in pods if pod is not None and pod.release.partition("/")[0] in ("", pod.namespace)]
@@ -40,7 +40,7 @@ def of_release(pods: Sequence[OperatorPod], release: str) -> list[OperatorPod]:
 
 
 def boards_in(answer: object) -> list[dict[str, Any]]:
-    """The boards in what a page answers; what is none is left out."""
+    """The boards in a page's answer; anything else is left out."""
     boards = answer if isinstance(answer, list) else []
     return [board for board in boards if isinstance(board, dict) and isinstance(board.get("policy"), str)]
 

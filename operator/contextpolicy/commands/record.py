@@ -1,4 +1,4 @@
-"""`contextpolicy record`: the last minutes of a policy on the robot, as files that `simulate` replays on the desk."""
+"""`contextpolicy record`: the last minutes of a policy on the robot, as files that `simulate` replays offline."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME")
     parser.add_argument("--to", type=Path, metavar="DIR", help="a new folder (default: NAME-recorded)")
-    parser.add_argument("--last", type=seconds, metavar="S", default=300.0, help="how far back (default: 300)")
+    parser.add_argument("--last", type=seconds, metavar="S", default=300.0, help="how many seconds back (default: 300)")
     add_namespace(parser)
     parser.set_defaults(main=main)
 
@@ -43,11 +43,11 @@ def main(arguments: argparse.Namespace) -> int:
         recorded = ask("recording", policy=f"{namespace}/{name}", last=arguments.last)
     if recorded is None:
         raise ClusterAccessError(
-            f"the operator runs no policy {namespace}/{name}: `status -A` shows which there are, and what is wrong"
+            f"the operator runs no policy {namespace}/{name}: `status -A` lists all policies, and what is wrong"
         )
     if not recorded["timeline"]["inputs"]:
         raise ClusterAccessError(
-            f"nothing was heard for {namespace}/{name} yet, so nothing can be replayed; `top` shows its streams"
+            f"no samples for {namespace}/{name} yet, so there is nothing to replay; `top` shows its streams"
         )
     for path, text in contents(recorded).items():
         folder.mkdir(parents=True, exist_ok=True)

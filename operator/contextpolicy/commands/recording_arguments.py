@@ -17,14 +17,21 @@ if TYPE_CHECKING:
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    own = parser.add_argument_group("recording", "If TIMELINE is an MCAP file, or a folder or .db3 file of rosbag2.")
-    own.add_argument("--start-offset", type=seconds, default=0.0, metavar="S", help="leave out its first S seconds")
-    own.add_argument("--playback-duration", type=seconds, metavar="S", help="read S seconds of it (default: all)")
+    own = parser.add_argument_group(
+        "recording", "For a TIMELINE that is an MCAP file, or a folder or .db3 file of rosbag2."
+    )
+    own.add_argument("--start-offset", type=seconds, default=0.0, metavar="S", help="skip the first S seconds")
+    own.add_argument("--playback-duration", type=seconds, metavar="S", help="read S seconds (default: all)")
     own.add_argument(
-        "--topics", type=topic, nargs="+", default=(), metavar="TOPIC", help="these topics only; /robot/** is allowed"
+        "--topics",
+        type=topic,
+        nargs="+",
+        default=(),
+        metavar="TOPIC",
+        help="read only these topics; /robot/** is allowed",
     )
     own.add_argument("--use-sim-time", action="store_true", help="take the time from the recording's /clock")
-    own.add_argument("--skip-damaged", action="store_true", help="leave out what is damaged instead of refusing it all")
+    own.add_argument("--skip-damaged", action="store_true", help="skip damaged parts instead of refusing the recording")
 
 
 def topic(text: str) -> str:
@@ -65,7 +72,9 @@ def _load(arguments: argparse.Namespace, policy: Policy, definitions: Definition
         "--use-sim-time": arguments.use_sim_time,
         "--skip-damaged": arguments.skip_damaged,
     }
-    findings = [Finding(name, value, "with a recording only") for name, value in used.items() if value]
+    findings = [
+        Finding(name, value, "no value, as TIMELINE is not a recording") for name, value in used.items() if value
+    ]
     if findings:
         raise SettingsError("arguments", tuple(findings))
     return timeline.load(arguments.timeline, definitions)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
             """Delete a Secret."""
 
 
-NEEDED = "hold originals that it signed, in namespaces that another release serves"
+NEEDED = "hold originals signed with it, in namespaces that another release serves"
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -46,7 +46,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--remove-finalizers",
         action="store_true",
-        help="then remove the policies' finalizers, which an absent operator can't, so that they can be deleted",
+        help="then remove the policies' finalizers, so that they can be deleted without an operator",
     )
     parser.add_argument(
         "--release",
@@ -142,7 +142,7 @@ def _exit_code(restored: Sequence[Restored], released: Sequence[Released], unrea
 
 
 def _key(api: CommandApi, release: str) -> bytes | None:
-    """The key by which the release signed originals; without it all that statuses say is believed."""
+    """The key with which the release signed originals; without it every original in a status is trusted."""
     from contextpolicy.cluster.originals_key import find_key, secret_of
 
     if not release:
@@ -153,14 +153,14 @@ def _key(api: CommandApi, release: str) -> bytes | None:
         print(f"originals are not checked: {error}", file=sys.stderr)
         return None
     if key is None:
-        print(f"originals are not checked: {release} has made no key", file=sys.stderr)
+        print(f"originals are not checked: {release} has no key", file=sys.stderr)
     return key
 
 
 def _finish(
     api: CommandApi, arguments: argparse.Namespace, occupancy: Occupancy, key: bytes | None, left: Collection[str]
 ) -> None:
-    """Nothing is left of the release: neither what it served nor what it has signed, but for what others serve now."""
+    """Remove the rest of the release: its Leases, and its key unless namespaces that others serve still need it."""
     from contextpolicy.actuators.resize.offline_release import in_need
     from contextpolicy.actuators.resize.stored_originals import Signatures
     from contextpolicy.cluster.originals_key import secret_of
@@ -171,12 +171,12 @@ def _finish(
             own = Signatures(key)
             needed = sorted(policy for where in namespaces for policy in in_need(api, where, left, own))
             if needed:
-                print(f"Secret {'/'.join(secret_of(release))} stays: {', '.join(needed)} {NEEDED}", file=sys.stderr)
+                print(f"Secret {'/'.join(secret_of(release))} is kept: {', '.join(needed)} {NEEDED}", file=sys.stderr)
             else:
                 api.delete_secret(*secret_of(release))
         occupancy.give_back()
     except ActuationError as error:
-        print(f"not all of {release} could be removed: {error}", file=sys.stderr)
+        print(f"{release} could not be removed completely: {error}", file=sys.stderr)
 
 
 def _print(
@@ -210,7 +210,7 @@ def _deed(container: Restored) -> str:
     if container.error:
         return f"NOT restored: {container.error}"
     changes = [f"{kind} {old} -> {new}" for kind, old, new in _differences(container.moved, container.original)]
-    return ", ".join(changes) or "already as it was"
+    return ", ".join(changes) or "already restored"
 
 
 def _differences(moved: Cpu | None, original: Cpu | None) -> Iterator[tuple[str, str, str]]:

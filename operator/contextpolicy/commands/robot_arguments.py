@@ -30,20 +30,30 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=rate,
         default=1.0,
         metavar="R",
-        help="inputs arrive R times as fast, as for a robot with 1/R of the CPU speed",
+        help="replay inputs R times as fast, as for a robot with 1/R of the CPU speed (default: 1)",
     )
     own = parser.add_argument_group(
         "robot", "Each task runs once, on the first node, with no CPU request, unless said otherwise."
     )
-    own.add_argument("--cores", type=_cpu, metavar="CPU", help="of one node: 4 or 500m (default: 4, a Raspberry Pi)")
     own.add_argument(
-        "--node", type=_named_cpu, action="append", metavar="NAME=CPU", help="a node; again for each further one"
+        "--cores", type=_cpu, metavar="CPU", help="cores of the one node: 4 or 500m (default: 4, a Raspberry Pi)"
     )
     own.add_argument(
-        "--place", type=_named, action="append", metavar="TASK=NODE", help="where a task runs; again: on several nodes"
+        "--node", type=_named_cpu, action="append", metavar="NAME=CPU", help="a node and its cores; repeatable"
     )
     own.add_argument(
-        "--replicas", type=_named_count, action="append", metavar="TASK=COUNT", help="pods of a task, over its nodes"
+        "--place",
+        type=_named,
+        action="append",
+        metavar="TASK=NODE",
+        help="the node of a task; repeatable, also for one task",
+    )
+    own.add_argument(
+        "--replicas",
+        type=_named_count,
+        action="append",
+        metavar="TASK=COUNT",
+        help="how many pods a task has, over its nodes",
     )
     own.add_argument(
         "--request", type=_named_cpu, action="append", metavar="TASK=CPU", help="the CPU request of a task's container"
@@ -54,7 +64,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="",
         metavar="NODE",
-        help="this node, or every node, can't do realtime: the policy's enforcement.realtimeFallback decides",
+        help="simulate a node (default: every node) that can't do realtime: enforcement.realtimeFallback decides",
     )
 
 
@@ -75,7 +85,7 @@ def robot_of(arguments: argparse.Namespace, policy: Policy) -> Robot:
         *_unknown("--no-realtime", filter(None, unable), nodes),
     ]
     if arguments.node and arguments.cores:
-        findings.append(Finding("--cores", arguments.cores, "--cores or --node, not both"))
+        findings.append(Finding("--cores", arguments.cores, "either --cores or --node, not both"))
     if findings:
         raise SettingsError("arguments", tuple(findings))
     return Robot(
@@ -91,7 +101,9 @@ def seconds(text: str) -> float:
     """A point in time, in seconds."""
     value = _number(text)
     if not 0 <= value <= MAX_SECONDS:
-        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected seconds, 0 to {MAX_SECONDS}")
+        raise argparse.ArgumentTypeError(
+            f"invalid value {text!r}: expected a number of seconds from 0 to {MAX_SECONDS}"
+        )
     return value
 
 
@@ -99,7 +111,9 @@ def rate(text: str) -> float:
     """How many times as fast."""
     value = _number(text)
     if not 1 / MAX_RATE <= value <= MAX_RATE:
-        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a factor of {1 / MAX_RATE:g} to {MAX_RATE}")
+        raise argparse.ArgumentTypeError(
+            f"invalid value {text!r}: expected a factor from {1 / MAX_RATE:g} to {MAX_RATE}"
+        )
     return value
 
 

@@ -50,7 +50,8 @@ def _add_clients(parser: argparse.ArgumentParser) -> None:
         default="tcp/*:7447",
         type=endpoints,
         metavar="ENDPOINTS",
-        help="comma separated; the host * is every address of this machine, of IPv4 and IPv6 (default: %(default)s)",
+        help="endpoints to listen on, comma separated; the host * is every IPv4 and IPv6 address of this machine "
+        "(default: %(default)s)",
     )
     add_credentials(parser)
     parser.add_argument(
@@ -79,29 +80,31 @@ def _add_fleet(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=endpoints,
         metavar="ENDPOINTS",
-        help="a fleet's router to join, several endpoints for the same one comma separated (default: none)",
+        help="the fleet's router to join; several endpoints of the same router are comma separated (default: none)",
     )
     place.add_argument(
-        "--fleet", action="store_true", help="be the router that robots' routers join; its common name must be viewer"
+        "--fleet",
+        action="store_true",
+        help="be the router that robots' routers join; its certificate's common name must be viewer",
     )
 
 
 def _add_process(parser: argparse.ArgumentParser) -> None:
     """How the process is watched, and started again."""
     parser.add_argument(
-        "--metrics-port", type=int, metavar="PORT", help="serve /metrics for Prometheus here (default: no)"
+        "--metrics-port", type=int, metavar="PORT", help="serve /metrics for Prometheus on this port (default: none)"
     )
     parser.add_argument(
         "--supervised",
         action="store_true",
-        help="route in a process of its own, and start that again at once if it is killed",
+        help="route in a child process, and restart it at once if it is killed",
     )
     parser.add_argument("--restarts", type=int, default=0, help=argparse.SUPPRESS)
     parser.add_argument("--ready-fd", type=int, help=argparse.SUPPRESS)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Route, or see to it that another process does."""
+    """Route, or supervise a child process that does."""
     return _supervise() if arguments.supervised else _route(arguments)
 
 
@@ -208,9 +211,7 @@ def sample_keys(text: str) -> list[str]:
                 f"invalid value {key!r}: expected a key expression such as robot/**"
             ) from None
         if covers:
-            raise argparse.ArgumentTypeError(
-                f"invalid value {key!r}: expected keys that do not cover {OWN}/**, such as robot/**"
-            )
+            raise argparse.ArgumentTypeError(f"invalid value {key!r}: expected keys outside {OWN}/**, such as robot/**")
     return keys
 
 
@@ -234,7 +235,7 @@ def _serve_metrics(arguments: argparse.Namespace) -> None:
 
 
 def _count_clients(session: zenoh.Session | None) -> None:
-    """Have a scrape ask the session; None while there is none."""
+    """Have a scrape query the session; None before it is open."""
     from contextpolicy.telemetry.router_metrics import CLIENTS
 
     CLIENTS.set_function(lambda: len(session.info.transports()) if session else 0)

@@ -32,14 +32,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "shadow",
         help="show where a shadow's plans differ from its policy's",
-        description="Compare the plans of a shadow (spec.shadow) with those of the policy that it is a shadow of, over "
-        "the last minutes that the operator has recorded, and show the misses that the tasks' modules report. With "
-        "--profiles both are replayed on what was recorded, and the misses under each are predicted; inputs that no "
+        description="Compare the plans of a shadow (spec.shadow) with those of the policy that it shadows, over the "
+        "last minutes that the operator has recorded, and show the misses that the tasks' modules report. With "
+        "--profiles, replay the recording under both policies and predict the misses under each; inputs that neither "
         "policy reads are assumed to arrive as steadily as when the profile was measured.",
     )
     parser.add_argument("policy", metavar="SHADOW", help="[NAMESPACE/]NAME of the shadow")
-    parser.add_argument("--last", type=seconds, metavar="S", default=300.0, help="how far back (default: 300)")
-    parser.add_argument("--profiles", metavar="FILE", help="predict misses from what the tasks cost")
+    parser.add_argument("--last", type=seconds, metavar="S", default=300.0, help="how many seconds back (default: 300)")
+    parser.add_argument("--profiles", metavar="FILE", help="predict misses from the tasks' profiles")
     add_namespace(parser)
     add_output(parser)
     parser.set_defaults(main=main)
@@ -77,13 +77,13 @@ def _compared(
     references = [f"{body['metadata']['namespace']}/{body['metadata']['name']}" for body in (own, shadow)]
     for reference in references:
         if reference not in boards:
-            raise ClusterAccessError(f"the operator runs no policy {reference}: `status` says why")
+            raise ClusterAccessError(f"the operator runs no policy {reference}: `status` shows why")
     now = boards[references[1]]["now"]
     plans = [ask("plans", policy=reference, since=0) for reference in references]
     found = difference(plans[0], plans[1], now - last, now)
     if found is None:
         raise ClusterAccessError(
-            f"{' and '.join(references)} have not been side by side yet: one has no plan, `status` says why"
+            f"{' and '.join(references)} can't be compared yet: one has no plan, `status` shows why"
         )
     return found
 

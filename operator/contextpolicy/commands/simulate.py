@@ -23,18 +23,19 @@ DESCRIPTION = """\
 Run a policy against a timeline in virtual time, with the same planning code as on the robot, and print each plan with
 its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; data sets (inputs
 without a value) are skipped. TIMELINE can also be a recording: streams find its ROS 2 topics by rmw_zenoh's keys
-(in domain 0) and by those of zenoh-bridge-ros2dds. What plans do not show (inputs that no stream reads, streams without
-input, samples and expressions that fail, needs that are not met) is noted on standard error, and in JSON.
+(in domain 0) and by those of zenoh-bridge-ros2dds. Notes on standard error, and in JSON, report what plans do not show:
+inputs that no stream reads, streams without input, samples and expressions that fail, and needs that are not met.
 
 Virtual time starts when the recording started; with a timeline, at 2000-01-01 00:00 UTC, so that a forced context
-has not expired. If a stream has a real clock's timestamps (2000 to 2100), it starts so that the first is current."""
+has not expired. If a stream has timestamps of a real clock (2000 to 2100), virtual time starts so that the first one
+is current."""
 
 DETAILS = """\
 output (--output): a table; or the fields
 
   json   schemaVersion, policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list, as on the
          decision bus (or the same as yaml):
-         policy, mode, scheduler, control; sequence, time (s from the timeline's begin), cause, contexts (that hold);
+         policy, mode, scheduler, control; sequence, time (s from the timeline's start), cause, contexts (that hold);
          shortfalls (task, message: what is not feasible); tasks by name: score, weight, share (cores), suspended,
          because; nodes by name: capacity (cores), scheduler, dividedBy (Weight; Priority while all are at rest;
          Nothing while all are suspended), tasks and their shares
@@ -57,10 +58,10 @@ expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for ea
 prediction (--profiles FILE, as robotkit.profiles writes it; experimental): work arrives with the timeline's inputs (a
 data set's by the rate in the timeline), waits in queues that drop their oldest, and is served as CFS does, 30 ms after
 each plan. By task and context it prints the inputs; those done, late, dropped, and suspended; misses (late, dropped,
-or overdue at the end, as a part of those due) and the worst of them, since nobody knows when the kernel's periods
-begin: the prediction is over four equally likely phases; response time p50 and p99; how many an input found waiting;
-and the cores that stay idle. What one task publishes for another is not predicted, and a task that adapts to its share
-costs no less."""
+or overdue at the end, as a fraction of those due); the worst misses of the four phases of the kernel's period that it
+tries, all equally likely; response time p50 and p99; how many inputs were waiting when one arrived; and the cores that
+stay idle. What one task publishes for another is not predicted, and a task that adapts its quality to its share is
+predicted at full cost."""
 
 
 def add(subparsers: Any) -> None:
@@ -76,7 +77,7 @@ def add(subparsers: Any) -> None:
         "timeline",
         metavar="TIMELINE",
         type=_file,
-        help="a timeline, an MCAP file or a rosbag2 folder or .db3; - for stdin",
+        help="a timeline, an MCAP file, or a rosbag2 folder or .db3; - for a timeline on stdin",
     )
     robot_arguments.add(parser)
     recording_arguments.add(parser)
@@ -156,12 +157,12 @@ def _refuse_two_readers(arguments: argparse.Namespace) -> None:
     names = [name for name in ("policy", "timeline", "expected") if getattr(arguments, name) == STANDARD_INPUT]
     if len(names) > 1:
         raise SettingsError(
-            "arguments", tuple(Finding(name, "-", "a file: - may be given only once") for name in names[1:])
+            "arguments", tuple(Finding(name, "-", "a file, as only one input can be stdin") for name in names[1:])
         )
 
 
 def _refuse_unpredicted(arguments: argparse.Namespace, expected: Any) -> None:
-    """Misses that nobody predicts would pass unchecked."""
+    """Refuse expected misses without profiles: they would pass unchecked."""
     from contextpolicy.errors import Finding, SettingsError
 
     lines = [str(one.line) for one in expected or () if one.misses is not None]
@@ -235,7 +236,7 @@ def _compare(arguments: argparse.Namespace, run: Simulation, predicted: Forecast
     # After the end the last plan would be taken for in force, and such an expectation might pass unchecked.
     beyond = [e for e in expected if e.end > run.until]
     within = [e for e in expected if e not in beyond]
-    found = [*(f"line {e.line}: expects something at {e.end:g} s, after the end at {run.until:g} s" for e in beyond)]
+    found = [*(f"line {e.line}: expectation at {e.end:g} s, but the run ends at {run.until:g} s" for e in beyond)]
     found += [str(difference) for difference in differences(run.plans, within, predicted)]
     for difference in found:
         print(f"{arguments.expected}: {difference}", file=sys.stderr)

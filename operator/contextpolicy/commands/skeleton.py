@@ -20,12 +20,12 @@ def add(subparsers: Any) -> None:
         "skeleton",
         help="write a first policy from a robot's module.yaml files",
         description="Print a valid policy with a task for each module: its needs, its streams, an activity for each "
-        "input that a policy can read, and a context that helps it when it misses its deadlines. It is in DryRun; "
-        "edit it.",
+        "input that a policy can read, and a context that raises its weight when it misses its deadlines. The policy "
+        "is in mode DryRun: edit it before you enforce it.",
     )
     parser.add_argument("modules", nargs="+", metavar="MODULE", help="a module.yaml, or the folder that holds it")
-    parser.add_argument("--name", type=_name, default="robot", help="of the policy (default: robot)")
-    parser.add_argument("--namespace", type=_name, default="robot", help="of the policy (default: robot)")
+    parser.add_argument("--name", type=_name, default="robot", help="the policy's name (default: robot)")
+    parser.add_argument("--namespace", type=_name, default="robot", help="the policy's namespace (default: robot)")
     parser.set_defaults(main=main)
 
 

@@ -30,7 +30,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "status",
         help="show what policies decide and whether it is in force",
         description="Show each policy's contexts, shares and conditions, with what to do about a condition that is "
-        "False. Where no operator serves a namespace, its policies' last state is shown as such, and is not Ready.",
+        "False. Where no operator serves a namespace, show its policies' last state, marked as such and not Ready.",
     )
     parser.add_argument("policy", metavar="POLICY", nargs="?", help="[NAMESPACE/]NAME (default: all of the namespace)")
     add_namespace(parser, or_all=True)
@@ -41,7 +41,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def main(arguments: argparse.Namespace) -> int:
     """Read and print."""
     if arguments.policy and arguments.all_namespaces:
-        raise ClusterAccessError(f"invalid value {arguments.policy!r}: expected no name beside --all-namespaces")
+        raise ClusterAccessError(f"invalid value {arguments.policy!r}: expected no name with --all-namespaces")
     where = None if arguments.all_namespaces else namespace_of(arguments)
     with api_server(arguments) as api, waiting("asking the API server"):
         found = [policy_object(api, *reference_of(arguments))] if arguments.policy else policies(api, where)
@@ -56,7 +56,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def summary(policy: Mapping[str, Any], service: Service) -> dict[str, Any]:
-    """What people want to know of a policy, from its object: its last state, if no operator serves its namespace."""
+    """The summary of a policy, from its object: its last state, if no operator serves its namespace."""
     spec, status = policy["spec"], policy.get("status") or {}
     conditions = status.get("conditions") or []
     return {
@@ -82,7 +82,7 @@ def _is_ready(conditions: Iterable[Mapping[str, Any]]) -> bool:
 
 
 def _forced(force: Mapping[str, str]) -> dict[str, str | None]:
-    """The field stays when its time is over."""
+    """The forced context, if any: the field stays in the spec after it has expired."""
     lasts = bool(force) and datetime.fromisoformat(force["until"]) > datetime.now(UTC)
     return {"forced": force["context"] if lasts else None, "forcedUntil": force["until"] if lasts else None}
 
@@ -104,7 +104,7 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
     if summary["shadowOf"]:
         yield from _line(f"shadow of {summary['shadowOf']}, would change: {summary['difference'] or 'nothing now'}")
     if summary["promotedShadow"]:
-        yield from _line(f"carried out as its shadow {summary['promotedShadow']} says")
+        yield from _line(f"its promoted shadow {summary['promotedShadow']} is carried out in its place")
     if summary["plan"]:
         plan = summary["plan"]
         yield from _line(f"plan {plan['sequence']} since {plan['time']}: {plan['cause']}")

@@ -24,7 +24,7 @@ def add_output(parser: argparse.ArgumentParser, *others: str) -> None:
         metavar="FORMAT",
         choices=choices,
         default="table",
-        help=f"{listed}; table is what people read (default)",
+        help=f"{listed} (default: table, for people)",
     )
 
 

@@ -47,8 +47,9 @@ patch. A task without a profile is predicted to use no CPU, and the caveats name
 Of floors (min) the least that suffices is taken, in steps of 10m.
 
 A task's deadline is that of --deadline, or the policy's needs.deadline, or the one in its profile; a task without a
-deadline must only drop nothing. The cost is the mean of the tasks' misses, weighted by priority; misses above --misses
-count a hundredfold, and inputs that are suspended only with the patch count as missed. A plan a second costs 0.01."""
+deadline only has to drop no inputs. The cost is the mean of the tasks' misses, weighted by priority; misses above
+--misses count a hundredfold, and inputs that are suspended only with the patch count as missed. A plan a second
+costs 0.01."""
 MISSES = 0.01
 TRIES = 100
 
@@ -57,7 +58,7 @@ def add(subparsers: Any) -> None:
     """Declare the command."""
     parser = subparsers.add_parser(
         "suggest",
-        help="search weights, bounds and delays that meet the deadlines",
+        help="search for weights, bounds and delays that meet the deadlines",
         description=DESCRIPTION,
         epilog=DETAILS,
     )
@@ -65,10 +66,18 @@ def add(subparsers: Any) -> None:
     parser.add_argument("timelines", metavar="TIMELINE", nargs="+", help="timelines or recordings")
     parser.add_argument("--profiles", metavar="FILE", required=True, help="what the tasks cost, from robotkit.profiles")
     parser.add_argument(
-        "--deadline", type=_task_time, action="append", metavar="TASK=TIME", help="from an input to its result: 100ms"
+        "--deadline",
+        type=_task_time,
+        action="append",
+        metavar="TASK=TIME",
+        help="time allowed from an input to its result: 100ms",
     )
     parser.add_argument(
-        "--priority", type=_task_number, action="append", metavar="TASK=N", help="how much misses matter (the policy's)"
+        "--priority",
+        type=_task_number,
+        action="append",
+        metavar="TASK=N",
+        help="how much misses matter (default: the policy's)",
     )
     parser.add_argument(
         "--misses",
@@ -78,7 +87,7 @@ def add(subparsers: Any) -> None:
         help="part of the inputs that may be missed (default: 0.01)",
     )
     parser.add_argument(
-        "--tries", type=_count, default=TRIES, metavar="N", help="policies to simulate at most (default: 100)"
+        "--tries", type=_count, default=TRIES, metavar="N", help="how many policies to simulate at most (default: 100)"
     )
     parser.add_argument("--delays", action="store_true", help="also change enterAfter, exitAfter and holds")
     robot_arguments.add(parser)
@@ -101,7 +110,7 @@ def main(arguments: argparse.Namespace) -> int:
         found = _as_it_is(before, goals)
     after = (trial.predict(found.values) if found.values else None) or before
     missed = sorted({task for one in after for task in _above(one, goals)})
-    caveats = [f"{task} misses more than {arguments.misses:g} of its inputs all the same" for task in missed]
+    caveats = [f"{task} still misses more than {arguments.misses:g} of its inputs" for task in missed]
     caveats += [note for timeline in trial.timelines for note in timeline.notes]
     caveats += dict.fromkeys(note for one in before for note in one.notes)
     names = [timeline.name for timeline in trial.timelines]
@@ -149,7 +158,7 @@ def _as_it_is(before: Sequence[Forecast], goals: Mapping[str, Goal]) -> SearchRe
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What was found, the name and both predictions of each timeline, the patch, and what to doubt about it."""
+    """What was found, the name and both predictions of each timeline, the patch, and its caveats."""
 
     found: SearchResult
     forecasts: list[tuple[str, Forecast, Forecast]]
@@ -164,10 +173,10 @@ class Suggestion:
         lines = [
             f"predicted, {self.found.tries} policies tried: cost {self.found.before:.4g} -> {self.found.after:.4g}",
             *(f"caveat: {caveat}" for caveat in self.caveats),
-            *([] if self.patch or self.caveats else ["every task meets its goal as it is"]),
+            *([] if self.patch or self.caveats else ["every task meets its goal without a change"]),
         ]
         for name, before, after in self.forecasts:
-            lines += ["", f"{name}, as it is:", *as_table(before, room).splitlines()]
+            lines += ["", f"{name}, without the patch:", *as_table(before, room).splitlines()]
             lines += ["", f"{name}, with the patch:", *as_table(after, room).splitlines()] if self.patch else []
         comments = "\n".join(f"# {part}".rstrip() for line in lines for part in (wrapped(line, room, "", "  ") or [""]))
         return f"{comments}\n" + ("\n".join(f"- {json.dumps(change)}" for change in self.patch) or "[]")
@@ -265,15 +274,15 @@ def _task_time(text: str) -> tuple[str, float]:
 
 def _task_number(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
-    return name, _number(value, text, "TASK=N, N of 0 or more", most=1e9)
+    return name, _number(value, text, "TASK=N with N of 0 or more", most=1e9)
 
 
 def _part(text: str) -> float:
-    return _number(text, text, "a part, 0 to 1", most=1.0)
+    return _number(text, text, "a fraction from 0 to 1", most=1.0)
 
 
 def _count(text: str) -> int:
-    return int(_number(text, text, "1 to 100000", most=100_000, least=1))
+    return int(_number(text, text, "an integer from 1 to 100000", most=100_000, least=1))
 
 
 def _number(text: str, shown: str, allowed: str, *, most: float, least: float = 0) -> float:

@@ -39,7 +39,7 @@ def progress(until: float, doing: str) -> Iterator[Callable[[float], None] | Non
 
 @contextmanager
 def waiting(doing: str) -> Iterator[None]:
-    """Say what is being done if it takes longer than `SOON`, where standard error is a terminal."""
+    """Show what is being done if it takes longer than `SOON`, where standard error is a terminal."""
     if not sys.stderr.isatty():
         yield
         return

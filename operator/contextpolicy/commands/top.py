@@ -49,10 +49,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         type=connect,
         metavar="ENDPOINTS",
         default=os.environ.get("ZENOH_CONNECT") or None,
-        help="the router, tcp/HOST:7447 (default: ZENOH_CONNECT, else through the cluster, with kubectl)",
+        help="routers such as tcp/HOST:7447 (default: ZENOH_CONNECT, else through the cluster, with kubectl)",
     )
     add_credentials(parser)
-    parser.add_argument("--once", action="store_true", help="show the plans in force and end")
+    parser.add_argument("--once", action="store_true", help="show the plans in force, and exit")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("-n", "--namespace", metavar="NS", help="policies of this namespace only")
     where.add_argument("-A", "--all-namespaces", action="store_true", help="policies of every namespace (default)")
@@ -108,7 +108,7 @@ def _line(content: Mapping[str, Any], output: str) -> str:
 def _through_the_cluster(
     arguments: argparse.Namespace, boards: Callable[[], Sequence[Mapping[str, Any]]], view: BusView
 ) -> None:
-    """Ask the operator again and again; a rate of use takes two answers."""
+    """Poll the operator; a rate of use takes two answers."""
     if arguments.once:
         boards()
         time.sleep(TICK)
@@ -140,7 +140,7 @@ def _show_once(arguments: argparse.Namespace, session: zenoh.Session, view: BusV
     for key, payload in _answers(session, *_keys(arguments, "plan")):
         view.take(key, payload)
     if not view.policies:
-        raise NoAnswerError(f"no plans at {arguments.connect}: is the operator running, and is there a policy?")
+        raise NoAnswerError(f"no plans at {arguments.connect}: check that the operator is running and has a policy")
     _ask_boards(session, view, *_keys(arguments, "board"))
     _print(arguments, view)
 
@@ -189,7 +189,7 @@ def _post(mailbox: deque[tuple[str, bytes | None]], arrived: Event) -> Callable[
 
 
 def _ask_boards(session: zenoh.Session, view: BusView, key: str) -> None:
-    """Of an operator that does not answer there is no board: an old one would pass for what is the case."""
+    """No board of an operator that does not answer: an old one would look current."""
     view.boards.clear()
     for _, payload in _answers(session, key):
         with suppress(ValueError, RecursionError):  # on an open bus anybody may answer
@@ -258,7 +258,7 @@ def _redraw(view: BusView, take: Callable[[], None], wait: Callable[[], object])
 
 
 def _append(arguments: argparse.Namespace, view: BusView, take: Callable[[], None], wait: Callable[[], object]) -> None:
-    """Where nothing can be drawn over: the tables again after each change."""
+    """Where nothing can be redrawn: print the tables again after each change."""
     last = None
     while True:
         take()

@@ -24,8 +24,8 @@ def add(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "validate",
         help="check policy files without a cluster",
-        description="Report everything that the API server or the operator would refuse, for all files at once. Other "
-        "objects are skipped with a note, except that liveness probes of pods that a policy may suspend are checked.",
+        description="Report everything that the API server or the operator would refuse, for all files at once. "
+        "Liveness probes of pods that a policy may suspend are checked too; other objects are skipped with a note.",
     )
     parser.add_argument("files", nargs="+", metavar="POLICY", help="a YAML file, a directory of them, or - for stdin")
     add_types_argument(parser)

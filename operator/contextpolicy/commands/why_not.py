@@ -1,4 +1,4 @@
-"""`contextpolicy why-not`: why contexts do not hold, or a task gets no more."""
+"""`contextpolicy why-not`: why contexts do not hold."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "why-not",
         help="explain why a context does not hold",
         description="For each context that does not hold, or for one, show the decisive part of its condition and "
-        "what it waits for, as `explain` does among other things.",
+        "what it waits for. `explain` shows this and more.",
     )
     parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME; with --timeline a policy file")
     parser.add_argument("context", metavar="CONTEXT", nargs="?", help="one context (default: all that do not hold)")

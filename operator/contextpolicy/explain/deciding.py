@@ -38,7 +38,7 @@ def absence(stream: StreamState, now: float) -> dict[str, Any]:
 
 
 def waits(planner: Planner) -> Iterator[tuple[str, Waiting]]:
-    """What can't be decided now: the task or context, and what it waits for."""
+    """The tasks and contexts that can't be decided now, each with what it waits for."""
     for initiative, task in planner.owned_initiatives():
         for own in (initiative.deciding, initiative.score):
             if own and own.waiting:

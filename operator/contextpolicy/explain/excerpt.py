@@ -1,4 +1,4 @@
-"""A stream's value as people and programs are shown it: JSON, of bounded size whatever a sender puts into a sample."""
+"""A stream's value for display: JSON, of bounded size whatever a sender puts into a sample."""
 
 from __future__ import annotations
 

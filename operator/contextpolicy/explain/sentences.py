@@ -90,22 +90,22 @@ def _headline(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any])
     shares = " and ".join(f"{_cpu(node['tasks'][task]['share'])} on node {n}" for n, node in nodes.items())
     suspended = ", the minimum: it is suspended" if own["suspended"] and nodes else ""
     yield f"{task} gets {shares}{suspended}." if nodes else f"{_shareless(explanation, task, own)}."
-    yield f"Plan {plan['sequence']} is in force for {plan['age']:.3g} s, caused by {plan['cause']}."
+    yield f"Plan {plan['sequence']} has been in force for {plan['age']:.3g} s, caused by {plan['cause']}."
     fair = [node["tasks"][task] for node in nodes.values() if node["scheduler"] == Scheduler.CFS]
     if fair and not own["suspended"]:
         yield from _enforced(explanation["control"], own, min(row["share"] for row in fair))
 
 
 def _enforced(control: str, own: Mapping[str, Any], share: int) -> Iterator[str]:
-    """What a share is to a task that runs, where it is no cap."""
+    """What a share means for a running task where it is not a cap."""
     if control == Control.SUSPEND:
         yield "That is informative only: control Suspend leaves a running task its original limit, up to its max."
     if control == Control.WEIGHT:
         yield "That is its weight where CPU is contested (control Weight); it may also use what others leave idle."
         if own["protected"] and share < PROTECTED_WEIGHT:
             yield (
-                f"It is protected, so next to the other tasks its weight is {_cpu(PROTECTED_WEIGHT)}: "
-                "small weights wait long for their turn."
+                f"It is protected, so beside the other tasks its weight is {_cpu(PROTECTED_WEIGHT)}: "
+                "small weights wait long."
             )
 
 
@@ -113,7 +113,7 @@ def _shareless(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]
     if own["subtasks"]:
         return f"{task} has no container of its own"
     kept = [shortfall["message"] for shortfall in explanation["plan"]["shortfalls"] if not shortfall["task"]]
-    return f"{task} has no share: {'; '.join(kept) or 'no container of it runs on a node that is divided'}"
+    return f"{task} has no share: {'; '.join(kept) or 'none of its containers runs on a node that is divided'}"
 
 
 def _score(own: Mapping[str, Any]) -> Iterator[str]:
@@ -146,7 +146,7 @@ def _because(activity: Mapping[str, Any]) -> str:
 def _state(activity: Mapping[str, Any]) -> str:
     if activity["decaysFrom"] is None:
         return f"is in force with score {activity['value']:g}"
-    return f"is over: of its score {activity['decaysFrom']:g} it still has {activity['value']:g}, which decays"
+    return f"is over: its score has decayed from {activity['decaysFrom']:g} to {activity['value']:g}"
 
 
 def _until(activity: Mapping[str, Any]) -> str:
@@ -218,7 +218,7 @@ def _bounds(node: Mapping[str, Any], row: Mapping[str, Any], task: str) -> Itera
         held = ", ".join(_held(node, task))
         yield f"{held}; the rest, divided by weight, gives it {_cpu(row['share'])}."
     elif row["weight"] > 0 and row["share"] != row["proportional"]:
-        yield f"Shares move in steps of {_cpu(node['step'])}, which makes it {_cpu(row['share'])}."
+        yield f"Rounded to steps of {_cpu(node['step'])}, its share is {_cpu(row['share'])}."
 
 
 def _held(node: Mapping[str, Any], task: str) -> Iterator[str]:
@@ -231,7 +231,7 @@ def _held(node: Mapping[str, Any], task: str) -> Iterator[str]:
 
 def _needs(own: Mapping[str, Any]) -> Iterator[str]:
     for need in own["needs"]:
-        verdict = "met" if need["met"] else "not asked for while suspended" if own["suspended"] else "not met"
+        verdict = "met" if need["met"] else "not required while suspended" if own["suspended"] else "not met"
         yield f"It needs {_need(need)}: {verdict}."
     yield from (f"Not feasible: it {message}." for message in own["shortfalls"] if not message.startswith("needs "))
 
@@ -240,12 +240,12 @@ def _need(need: Mapping[str, Any]) -> str:
     wanted, given = need["wanted"], need["given"]
     match need["need"]:
         case "cores":
-            return f"{wanted}m of CPU, it gets {given}m"
+            return f"{wanted}m of CPU and gets {given}m"
         case "memory":
             limit = "has no limit" if given is None else f"has a limit of {_mebibytes(given)}"
-            return f"{_mebibytes(wanted)} of memory, it {limit}"
+            return f"{_mebibytes(wanted)} of memory and {limit}"
         case _:
-            return f"results within {wanted:g} s, it may stall for {given:.3g} s"
+            return f"results within {wanted:g} s and may stall for {given:.3g} s"
 
 
 def _mebibytes(count: int) -> str:
@@ -261,7 +261,7 @@ def _readings(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> Iterato
         if stream["age"] is None:
             yield f"Stream {name} ({stream['key']}) has not been heard."
             continue
-        silent = ", silent for too long: it does not count" if stream["silent"] else ""
+        silent = ", silent for too long, so its value does not count" if stream["silent"] else ""
         value = _shown({**(stream["value"] or {}), **stream["features"]})
         yield f"Stream {name}: heard {stream['age']:.3g} s ago{silent}; last value {value}."
 

@@ -1,6 +1,5 @@
-"""What people watch: the board of each policy as it is now, its last minutes, and the page that shows both.
+"""The live view: the board of each policy as it is now, its last minutes, and the page that shows both.
 
-Read-only, and served on the pod's loopback alone: who may port-forward to the operator's pod may look, and nobody
-else can reach it. Kubernetes decides who that is, so there is no login here, and the operator needs no right to ask
-who somebody is.
+Read-only, and served on the pod's loopback alone: only users who may port-forward to the operator's pod can reach it.
+Kubernetes decides who they are, so there is no login here, and the operator needs no right to review users.
 """

@@ -8,7 +8,7 @@ const PERIOD = 500; // ms between two questions
 const PATIENCE = 5000; // ms for an answer
 const FRESH = 3; // seconds after the question for which its answer counts as current
 const TAPPED = 4000; // ms for which a tip stays after a tap
-const ELSEWHERE = "this operator is starting or stands by"; // then it knows of no policy
+const ELSEWHERE = "this operator is starting or on standby"; // then it knows of no policy
 const SEEN = 2.5; // seconds for which a board that was seen stands for what was then
 
 const at = (id) => document.getElementById(id);
@@ -18,7 +18,7 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 async function ask(path) {
   const answer = await fetch(path, { signal: AbortSignal.timeout(PATIENCE) }).catch(() => {
-    throw new Error(`nothing answers at ${location.host}: does the operator run, and the port-forward to it?`);
+    throw new Error(`no answer from ${location.host}: check that the operator and the port-forward to it are running`);
   });
   if (!answer.ok) throw new Error(`${path.split("?")[0]}: ${answer.status} ${(await answer.text()).trim()}`);
   return JSON.parse(await answer.text(), (_, value) => bare(value));
@@ -114,7 +114,7 @@ function draw() {
     drawMoment();
     view.broken = "";
   } catch (error) {
-    view.broken = `This page cannot show it: ${error}`;
+    view.broken = `This page failed: ${error}`;
   }
   drawState();
 }
@@ -149,7 +149,7 @@ function drawMoment() {
   const plan = past ? planAt(view.moment) : latest.plan, board = past ? boardAt(view.moment) : latest;
   const current = state() === "live";
   drawHeadline(plan, past, current);
-  write(at("unseen"), board ? "" : "Streams, conditions, limits, use and reactions are not known of this moment: " +
+  write(at("unseen"), board ? "" : "Streams, conditions, limits, use and reactions of this moment are unknown: " +
     "the operator records plans only, and this page was not open.");
   drawFigures({ ...view, end: end(), begin: end() - span(), until: Math.min(end(), latest.now), clock,
     contexts: Object.keys(latest.contexts), relative: current && !calm.matches, span: span() });
@@ -161,7 +161,7 @@ function drawMoment() {
   at("why").replaceChildren(...why.map((sentence) => Object.assign(document.createElement("li"), { textContent: sentence })));
   if (!at("tip").hidden) drawTip(view.pointer); // the figures go on below a pointer that rests
   drawStreams(board ? board.streams : {});
-  write(at("reactions"), board ? reactions(board.reactions) : "not known");
+  write(at("reactions"), board ? reactions(board.reactions) : "unknown");
 }
 
 function drawChoice() {

@@ -46,7 +46,7 @@ HEADERS = {
 
 
 class Watched(Protocol):
-    """What there is to see; called on the server's threads. TimeoutError when the operator does not answer."""
+    """The data to show; called on the server's threads. TimeoutError when the operator does not answer."""
 
     def boards(self) -> list[dict[str, Any]]:
         """All policies (see `live.board`)."""
@@ -108,7 +108,7 @@ class _Handler(HttpHandler):
         self.do_GET()
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002
-        """What is no question gets a line of text like every other refusal, not Python's page."""
+        """Refuse an invalid request with a line of text, like every other refusal, instead of Python's page."""
         unknown = code == HTTPStatus.NOT_IMPLEMENTED
         said = "expected GET or HEAD" if unknown else message or HTTPStatus(code).phrase
         self._send(HTTPStatus(code), "text/plain", f"{said}\n".encode(), {"Connection": "close"})

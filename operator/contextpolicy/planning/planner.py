@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class HealthListener(Protocol):
-    """What hears that the status has news even when no plan changes."""
+    """Receives changes of the status that come without a plan."""
 
     def on_health(self) -> None:
         """A stream fell silent, is heard again or changed its clock, or an expression began or ceased to fail."""

@@ -1,8 +1,8 @@
 """After a restart of the operator: tasks keep their state until what they depend on is known again.
 
-Decisions do not wait for silent sensors. But a restarted operator has heard nothing yet, and what it does not know must
-not move a robot that drives: a task that depends on a stream not heard so far keeps its last state until the stream is
-heard or silent, or for `PATIENCE` where the stream has no `staleAfter`.
+Decisions do not wait for silent sensors. But a restarted operator has received nothing yet, and missing samples must
+not change the shares of a driving robot: a task that depends on a stream not heard so far keeps its last state until
+the stream is heard or silent, or for `PATIENCE` where the stream has no `staleAfter`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Remembered(NamedTuple):
 
 
 class RestartState(NamedTuple):
-    """What a planner knows when it starts."""
+    """What a planner has at its start."""
 
     streams: Mapping[str, StreamState]
     contexts: Sequence[ContextState]
@@ -43,7 +43,7 @@ class RestartState(NamedTuple):
 
 
 class RestartListener(Protocol):
-    """What hears that a task's state is decided again."""
+    """Receives that tasks' states are decided again."""
 
     def on_known(self, stream: str) -> None:
         """Tasks need not wait for this stream any more."""

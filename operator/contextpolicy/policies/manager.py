@@ -67,7 +67,7 @@ class PolicyManager:
         self._promotion = Promotion(loop, registry, shadows, publisher, self)
 
     def on_promotion(self) -> None:
-        """Something else is to be carried out than before."""
+        """A different spec is to be carried out from now on."""
         self.settle()
 
     def begin(self) -> None:
@@ -130,7 +130,7 @@ class PolicyManager:
         self._binder.place()
 
     def repeat(self) -> None:
-        """Say again what is in force: plans on the bus, and statuses."""
+        """Publish again what is in force: plans on the bus, and statuses."""
         for runner in self._registry.runners():
             runner.publisher.publish_again()
         self._publisher.report_all()
@@ -195,7 +195,7 @@ class PolicyManager:
             self._publisher.emit(reference, "OriginalsUnproven", "; ".join(doubt.text for doubt in vetted.doubts))
 
     def _forget(self, reference: str) -> None:
-        """Nothing runs of the policy any more."""
+        """The policy has stopped running."""
         self._bus.forget(reference)
         self._publisher.forget(reference)
         self._recorder.forget(reference)

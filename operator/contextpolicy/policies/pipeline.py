@@ -1,4 +1,4 @@
-"""The whole path of one policy as one Rx pipeline, from samples to everybody who acts on a plan or reports it.
+"""The whole path of one policy as one Rx pipeline, from samples to everything that acts on a plan or reports it.
 
     samples, placements -> merge -> plan -> drop equal plans -> pace +-> message to agents
                                      |                               +-> head start +-> follow agents -> actuator

@@ -1,4 +1,4 @@
-"""Everybody who hears of a plan but does not act on it: metrics, the log, Events about contexts, the status."""
+"""The outputs that report a plan but do not act on it: metrics, the log, Events about contexts, the status."""
 
 from __future__ import annotations
 

@@ -40,9 +40,9 @@ def load(policy: Policy) -> dict[str, Instantiate]:
 def _load(name: str, installed: Mapping[str, EntryPoint], loaded: dict[str, Instantiate]) -> str:
     """Load one function into `loaded`; returns what is wrong, or an empty string."""
     if name not in installed:
-        return f"installed: {', '.join(sorted(installed)) or 'none'}"
+        return f"expected an installed function: {', '.join(sorted(installed)) or 'there is none'}"
     try:
         loaded[name] = installed[name].load()
     except Exception as error:  # noqa: BLE001 - importing foreign code may raise anything
-        return f"a function that can be imported; {type(error).__name__}: {error}"
+        return f"expected a function that can be imported; {type(error).__name__}: {error}"
     return ""

@@ -117,12 +117,12 @@ class PolicyRunner:
 
     @property
     def claim(self) -> Claim:
-        """What it claims."""
+        """The containers that the policy claims."""
         return self.publisher.claim
 
     @property
     def held(self) -> tuple[Planner, Claim]:
-        """What it knows and what it claims, to look at."""
+        """Read-only view of planner and claim."""
         return self.planner, self.claim
 
     # What is asked of it.
@@ -143,7 +143,7 @@ class PolicyRunner:
     # The planner's listener.
 
     def on_health(self) -> None:
-        """The status has news."""
+        """The status has changed."""
         self._services.listener.on_change(self.policy.reference)
 
     # The pipeline's outputs.
@@ -180,7 +180,7 @@ class PolicyRunner:
         return plan is not self.planner.decided and plan.sequence == self.publisher.sequence
 
     def instruct_agents(self, plan: Plan) -> None:
-        """First what acts soonest: agents act on the message; without them workers send patches while it is made."""
+        """Publish first where agents act on the message; without agents, workers send patches while it is made."""
         if self.publisher.claim.agents:
             self.publisher.publish(plan)
 

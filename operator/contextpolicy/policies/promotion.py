@@ -31,10 +31,10 @@ LATE = 2.0
 
 
 class PromotionListener(Protocol):
-    """What hears of promotions."""
+    """Receives promotions."""
 
     def on_promotion(self) -> None:
-        """Something else is to be carried out than before."""
+        """A different spec is to be carried out from now on."""
 
 
 class Promotion:

@@ -1,4 +1,4 @@
-"""What can be seen of a running operator: boards, plans, explanations and recordings, and all of it for a scrape."""
+"""Queries of a running operator: boards, plans, explanations, recordings, and everything for a scrape."""
 
 from __future__ import annotations
 

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 class RunnerListener(Protocol):
-    """What hears of a running policy, by its reference."""
+    """Receives news of a running policy, by its reference."""
 
     def on_change(self, policy: str) -> None:
-        """Its status has news."""
+        """Its status has changed."""
 
     def on_plan(self, policy: str, plan: Plan, ordered: float) -> None:
         """It has a new plan, which was `ordered` at this time, in monotonic seconds."""
@@ -37,7 +37,7 @@ class RunnerListener(Protocol):
 
 
 class Agents(Protocol):
-    """What hears of plans that agents must confirm."""
+    """Receives plans that agents must confirm."""
 
     def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str], standstill: float) -> None:
         """A plan was published; its tasks may keep all others from running for `standstill` seconds."""

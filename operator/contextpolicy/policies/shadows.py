@@ -69,11 +69,11 @@ def shadow_of(entry: PolicyEntry) -> Shadow | None:
 
 
 def wants(entry: PolicyEntry) -> bool:
-    """Whether people have promoted it, and the operator has not taken that back."""
+    """Whether a user has promoted it, and the operator has not reverted that."""
     policy = entry.good.policy if entry.good is not None else None
     return policy is not None and policy.mode.acts and not is_back(entry)
 
 
 def is_back(entry: PolicyEntry) -> bool:
-    """Whether the operator has taken this version's promotion back."""
+    """Whether the operator has reverted the promotion of this version."""
     return entry.taken_back is not None and entry.taken_back.get("generation") == entry.generation

@@ -1,4 +1,4 @@
-"""What an operator publishes about its policies at the API server: statuses, and Events about what is news."""
+"""What an operator publishes about its policies at the API server: statuses, and Events about changes."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class StatusPublisher:
         self._reporter.status(reference, lambda: self._status(reference))
 
     def report_all(self) -> None:
-        """Likewise for all policies: something has changed that each of them reports."""
+        """The same for all policies: something has changed that each of them reports."""
         for reference in self._registry.present:
             self.report(reference)
 
@@ -74,7 +74,7 @@ class StatusPublisher:
             self._post(entry, reason, message, warning=reason != RECOVERED)
 
     def note(self, reference: str, reason: str, message: str) -> None:
-        """Log news that are no problem, and post an Event about them."""
+        """Log news that is not a problem, and post an Event about it."""
         entry = self._registry.find(reference)
         log.info("%s: %s: %s", reference, reason, message)
         if entry is not None:

@@ -1,4 +1,4 @@
-"""What a person wrote, as values, and everything that can be said about it offline. No state, no clock, no network.
+"""The user's policy as values, and everything that can be checked offline. No state, no clock, no network.
 
 Reading order: spec (the values), fields and quantities (how one field is read), parsing (a whole object), cel
 with cel_functions, cel_syntax, cel_cost, cel_numbers and cel_rewriting (expressions: the table of functions, the tree,

@@ -141,4 +141,4 @@ class Expression:
     def _check_size(self, scope: Bindings, allowed: int) -> None:
         size = sum(scope.size(name) for name in self.variables)
         if size > allowed:
-            raise ExpressionError(f"{self.source}: reads {size} values, allowed for what it does with them: {allowed}")
+            raise ExpressionError(f"{self.source}: reads {size} values: expected at most {allowed}, given its cost")

@@ -50,7 +50,7 @@ def read(tree: Node) -> Reading:
     walk = _Walk()
     cost = walk.cost(tree)
     if walk.sums > MAX_SUMS:
-        raise ValueError(f"adds more than {MAX_SUMS} times")
+        raise ValueError(f"adds more often than {MAX_SUMS} times")
     most = _max_size(cost, walk)
     return Reading(frozenset(walk.reads), frozenset(walk.presence), frozenset(walk.contexts), most)
 
@@ -181,7 +181,7 @@ class _Walk:
     def _macro(self, node: Node) -> _Cost:
         self.macros += 1
         if len(node.parts) < 3:
-            raise ValueError(f"gives {node.text} fewer arguments than a name and an expression")
+            raise ValueError(f"calls {node.text} without a name and an expression")
         over, variable, *bodies = node.parts
         check_name(variable.text)
         of = self.cost(over)

@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 _TEXTS = re.compile(r"""\"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""")
 _OTHER_LANGUAGES = (
-    (re.compile(r"\band\b|(?<!&)&(?!&)", re.IGNORECASE), "and is written &&"),
-    (re.compile(r"\bor\b|(?<!\|)\|(?!\|)", re.IGNORECASE), "or is written ||"),
-    (re.compile(r"\bnot\b", re.IGNORECASE), "not is written !"),
-    (re.compile(r"(?<![=!<>])=(?![=~])"), "equality is written =="),
-    (re.compile(r"=~"), "a pattern is matched by .matches(...)"),
-    (re.compile(r"===|!=="), "equality is written == and !="),
-    (re.compile(r"<>"), "inequality is written !="),
-    (re.compile(r"\b(True|False)\b"), "truth is written true and false"),
-    (re.compile(r"\bNone\b|\bnil\b"), "nothing is written null"),
-    (re.compile(r"\*\*|\^"), "there is no power: multiply"),
+    (re.compile(r"\band\b|(?<!&)&(?!&)", re.IGNORECASE), "&& for and"),
+    (re.compile(r"\bor\b|(?<!\|)\|(?!\|)", re.IGNORECASE), "|| for or"),
+    (re.compile(r"\bnot\b", re.IGNORECASE), "! for not"),
+    (re.compile(r"(?<![=!<>])=(?![=~])"), "== for equality"),
+    (re.compile(r"=~"), ".matches(...) for a pattern match"),
+    (re.compile(r"===|!=="), "== and != for equality"),
+    (re.compile(r"<>"), "!= for inequality"),
+    (re.compile(r"\b(True|False)\b"), "true and false in lower case"),
+    (re.compile(r"\bNone\b|\bnil\b"), "null for no value"),
+    (re.compile(r"\*\*|\^"), "a product for a power"),
 )
 _WHOLE = re.compile(r"(?<![\w.])\d{19,}(?![\w.])")
 LARGEST_WHOLE = 2**63 - 1
@@ -45,7 +45,7 @@ def explain(source: str, error: ValueError) -> str:
     if place is None:
         return "it " + str(error).splitlines()[0]
     if hints:
-        return "in CEL " + ", ".join(dict.fromkeys(hints))
+        return "in CEL, write " + ", ".join(dict.fromkeys(hints))
     large = [literal for literal in _WHOLE.findall(bare) if LARGEST_WHOLE < int(literal) <= sys.float_info.max]
     if large:
         return f"an integer is at most {LARGEST_WHOLE}: write {large[0]}.0, a double"
@@ -53,4 +53,4 @@ def explain(source: str, error: ValueError) -> str:
         cel_syntax.parse(source)
     except ValueError as own:
         return f"it {own}"
-    return f"it cannot be read from character {int(place['column'])} on"
+    return f"it has a syntax error at character {int(place['column'])}"

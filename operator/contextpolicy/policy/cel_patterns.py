@@ -27,7 +27,7 @@ def steps(literal: str) -> int:
 
 
 def _text(literal: str) -> str:
-    """What the literal means, for an escape can hide a repetition."""
+    """The text that the literal stands for, as an escape can hide a repetition."""
     text = cel.compile(literal).execute(cel.Context())
     if not isinstance(text, str):
         raise ValueError("matches a pattern that is not a string in quotes")  # noqa: TRY004 - it is the policy's mistake

@@ -107,7 +107,7 @@ def parse(source: str) -> Node:
         if brackets > MAX_BRACKETS:
             raise ValueError(f"nests brackets deeper than {MAX_BRACKETS}")
     if sum(token.text == "?" for token in tokens) > MAX_BRACKETS:
-        raise ValueError(f"chooses with ? more than {MAX_BRACKETS} times")
+        raise ValueError(f"uses ? more than {MAX_BRACKETS} times")
     parser = _Parser(tokens)
     tree = parser.expression()
     parser.end()
@@ -265,7 +265,9 @@ class _Parser:
 
     def _unexpected(self) -> ValueError:
         token = self._next()
-        return ValueError(f"has {token.text} at character {token.start + 1}" if token.text else "ends too early")
+        return ValueError(
+            f"has an unexpected {token.text} at character {token.start + 1}" if token.text else "ends too early"
+        )
 
     def _node(self, kind: Construct, text: str, *parts: Node, start: int) -> Node:
         """A node that ends with the last token taken."""

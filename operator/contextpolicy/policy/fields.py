@@ -210,14 +210,14 @@ class Fields:
         return {str(key): str(value) for key, value in entries.items()}
 
     def close(self) -> None:
-        """Refuse the fields that nobody read: a misspelt name must not be ignored."""
+        """Refuse the fields that were not read: a misspelt name must not be ignored."""
         for name in [name for name in self._raw if name not in self._known]:
             self.refuse(
                 str(name), self._raw[name], f"one of the fields {', '.join(sorted(self._known))}{self._meant(name)}"
             )
 
     def has_read(self, field: str) -> bool:
-        """Whether the field is known, be it there or not."""
+        """Whether the field is known, present or not."""
         return field in self._known
 
     def _meant(self, field: object) -> str:

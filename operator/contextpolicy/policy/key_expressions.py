@@ -33,6 +33,6 @@ def excess(expression: str) -> str:
     """Why a policy can't have the expression, although Zenoh does; empty when it can.
 
     Zenoh tries every way to divide a key among several `**`, so that one long key, which any sender may choose, would
-    keep it busy for good.
+    keep it busy forever.
     """
     return "`**` may occur once" if expression.split("/").count("**") > 1 else ""

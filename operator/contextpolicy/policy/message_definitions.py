@@ -1,4 +1,4 @@
-"""ROS 2 messages that no release ships, from their definitions.
+"""ROS 2 messages that are part of no release, from their definitions.
 
 Definitions are untrusted input from which rosbags generates code, so only plain names and sizes get that far.
 """
@@ -50,7 +50,7 @@ def parse(definitions: Definitions) -> Types:
             continue
         for type_name, (_, fields) in found.items():
             if types.get(type_name, ([], fields))[1] != fields:
-                problems.append(f"{name}: defines {type_name} once more, in another way")
+                problems.append(f"{name}: defines {type_name} again, differently")
             types[type_name] = ([], fields)
     if problems:
         raise DefinitionError("; ".join(problems))
@@ -74,7 +74,7 @@ def check_references(types: Types, standard: Mapping[str, Any]) -> None:
 
     for name, (_, fields) in types.items():
         unknown = {part for part in _parts(fields) if part not in types and part not in standard}
-        problems += [f"{name} contains {part}, which nobody defines" for part in sorted(unknown)]
+        problems += [f"{name} contains {part}, which is not defined" for part in sorted(unknown)]
         if depth(name, ()) > MAX_DEPTH:
             problems.append(f"{name} contains more than {MAX_DEPTH} levels of messages")
     if problems:
@@ -119,7 +119,7 @@ def _where(message: str, text: str, header: int) -> str:
     stopped = re.match(r"(?s)[^\n]*\n[^\n]*\n(\d+)", message)
     if stopped is None:
         return f"can't be read: {message[:200]}"
-    return f"can't be read from line {text.count(chr(10), 0, max(int(stopped[1]) - header, 0)) + 1} on"
+    return f"has a syntax error in line {text.count(chr(10), 0, max(int(stopped[1]) - header, 0)) + 1}"
 
 
 def _check(type_name: str, fields: list[Any]) -> None:

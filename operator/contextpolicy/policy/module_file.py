@@ -1,4 +1,4 @@
-"""A module.yaml, which says what a module takes, gives and needs; modules/robotkit describes the format."""
+"""A module.yaml, which lists a module's inputs, outputs and needs; modules/robotkit describes the format."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ModuleFileError(FindingsError):
 
 @dataclass(frozen=True, slots=True)
 class ModuleStream:
-    """A key that a module takes or gives; `encoding` is None where a policy can't read it, as with pictures."""
+    """An input or output of a module; `encoding` is None where a policy can't read it, as with pictures."""
 
     key: str
     encoding: Encoding | None

@@ -75,7 +75,7 @@ def _period(fields: Fields) -> float:
     if period is None:
         return bandwidth.PERIOD
     if not bandwidth.SHORTEST <= period <= bandwidth.LONGEST:
-        fields.refuse("period", fields.raw("period"), "10ms to 1s, what the kernel can measure")
+        fields.refuse("period", fields.raw("period"), "a duration from 10ms to 1s, which kernels support")
     return period
 
 
@@ -99,7 +99,7 @@ def _shadow(fields: Fields, own: str) -> policy.Shadow:
     if result.patience == 0:
         fields.refuse("patience", fields.raw("patience"), "a duration above 0")
     if result.health and result.health.count("*") != 1:
-        fields.refuse("health", result.health, "a key expression with one *, where the task's name is")
+        fields.refuse("health", result.health, "a key expression with one *, in place of the task's name")
     fields.close()
     return result
 
@@ -114,7 +114,7 @@ def _context(fields: Fields) -> policy.Context:
         effects={task: _effect(item) for task, item in fields.mapping("tasks", limit=128).items()},
     )
     if "until" in fields and "when" not in fields:
-        fields.refuse("when", None, "a CEL condition that begins what until ends")
+        fields.refuse("when", None, "a CEL condition, as until only ends what when begins")
     fields.close()
     return result
 
@@ -138,6 +138,6 @@ def _effect(fields: Fields) -> policy.Effect:
             "or min and max alone",
         )
     if suspend is False and result.suspends:
-        fields.refuse("suspend", suspend, "suspend: false beside a weight or scale above 0: 0 suspends the task")
+        fields.refuse("suspend", suspend, "suspend: false only with a weight or scale above 0: 0 suspends the task")
     fields.close()
     return result

@@ -31,7 +31,7 @@ def _names(policy: Policy) -> Iterator[Finding]:
     for kind, items in (("streams", policy.streams), ("tasks", policy.tasks), ("contexts", policy.contexts)):
         for name, count in Counter(item.name for item in items).items():
             if name and count > 1:
-                yield Finding(f"spec.{kind}", name, f"each name once; this one appears {count} times")
+                yield Finding(f"spec.{kind}", name, f"unique names; this one appears {count} times")
     for index, stream in enumerate(policy.streams):
         if stream.name in RESERVED:
             yield Finding(f"spec.streams[{index}].name", stream.name, "a name that is not a reserved word of CEL")
@@ -64,7 +64,7 @@ def _expressions(policy: Policy) -> Iterator[Finding]:
                 continue
             expression = Expression(own_source)
             for unknown in sorted(expression.variables - {stream.name}):
-                yield Finding(f"spec.streams[{index}].{field}", unknown, f"its own stream only: {stream.name}")
+                yield Finding(f"spec.streams[{index}].{field}", unknown, f"only its own stream, {stream.name}")
             if expression.presence:
                 asking = " and ".join(f"{one.name}()" for one in OWN if one.cost is CallCost.ASK)
                 yield Finding(
@@ -134,11 +134,9 @@ def _bounds(policy: Policy) -> Iterator[Finding]:
                 continue
             field = f"spec.contexts[{index}].tasks.{name}"
             if task.subtasks:
-                yield Finding(field, name, "min and max only for a task in a container: a group has subtasks")
+                yield Finding(field, name, "no min and max here: a task with subtasks has no container")
             elif effect.suspends:
-                yield Finding(
-                    field, name, "min and max only where the context does not suspend the task: see suspendedCpu"
-                )
+                yield Finding(field, name, "no min and max here: the context suspends the task (see suspendedCpu)")
             else:
                 yield from _outside(field, task, effect)
 

@@ -80,7 +80,7 @@ def _streams(modules: Sequence[ModuleFile], names: dict[str, str]) -> Iterator[s
 
 
 def _readable(module: ModuleFile) -> list[ModuleStream]:
-    """The inputs that a policy can read too; what the operator itself says is no reason for its next decision."""
+    """The inputs that a policy can read too, except what the operator itself publishes."""
     return [one for one in module.inputs if one.encoding and not one.key.startswith("contextpolicy/")]
 
 

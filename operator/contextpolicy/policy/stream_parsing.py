@@ -42,14 +42,14 @@ def parse_stream(fields: Fields) -> Stream:
         features=tuple(_feature(item) for item in fields.nested_list("features", limit=16)),
     )
     if "fallback" in fields and "staleAfter" not in fields and "liveliness" not in fields:
-        fields.refuse("staleAfter", None, "staleAfter or liveliness beside fallback: a stream without is never silent")
+        fields.refuse("staleAfter", None, "staleAfter or liveliness, as a stream with neither never falls back")
     if (result.encoding is Encoding.CDR) != (result.type is not None):
-        fields.refuse("type", fields.raw("type"), "a ROS 2 type with encoding cdr, and none with another encoding")
+        fields.refuse("type", fields.raw("type"), "a ROS 2 type with encoding cdr, and no type with other encodings")
     if result.sources:
         _check_sources(fields, result)
     for name in ("ros", "types"):
         if name in fields and result.encoding is not Encoding.CDR:
-            fields.refuse(name, fields.raw(name), "encoding cdr with it, as other encodings have no message types")
+            fields.refuse(name, fields.raw(name), "encoding cdr, as other encodings have no message types")
     fields.close()
     return result
 
@@ -59,11 +59,11 @@ def _check_sources(fields: Fields, stream: Stream) -> None:
         fields.refuse("sources", stream.sources, "a key with wildcards, which distinguish the sources")
     for name in ("debounce", "sampleEvery"):
         if name in fields:
-            expected = f"sources without {name}, which would drop samples of one source in favour of another"
+            expected = f"no {name} with sources: it would drop samples of one source in favour of another"
             fields.refuse(name, fields.raw(name), expected)
     for number, feature in enumerate(stream.features):
         if feature.name in {"source", "sources"}:
-            fields.refuse(f"features[{number}].name", feature.name, "another name: sources give samples this field")
+            fields.refuse(f"features[{number}].name", feature.name, "another name, as sources gives samples this field")
 
 
 def _feature(fields: Fields) -> Feature:
@@ -78,6 +78,6 @@ def _feature(fields: Fields) -> Feature:
     if result.over <= 0:
         fields.refuse("over", fields.raw("over"), "a duration above 0")
     if result.of is None and result.op not in (FeatureOp.RATE, FeatureOp.COUNT):
-        fields.refuse("of", None, f"a CEL number, {result.op} needs one")
+        fields.refuse("of", None, f"a CEL number, which {result.op} needs")
     fields.close()
     return result

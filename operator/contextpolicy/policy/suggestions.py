@@ -1,4 +1,4 @@
-"""What the author may have meant by an unknown name."""
+"""Suggestions for an unknown name."""
 
 from __future__ import annotations
 

@@ -51,7 +51,8 @@ def _check_kind(fields: Fields, task: policy.Task) -> None:
     if task.subtasks:
         for group_less in ("min", "max", "suspendedCpu", "needs", "container", "restartOnResize", "required"):
             if group_less in fields:
-                fields.refuse(group_less, fields.raw(group_less), "only on a task in a container: a group has subtasks")
+                allowed = f"no {group_less} here: a task with subtasks has no container"
+                fields.refuse(group_less, fields.raw(group_less), allowed)
 
 
 def _check_bounds(fields: Fields, task: policy.Task, minimum: int) -> None:
@@ -95,9 +96,9 @@ def _activity(fields: Fields) -> activities.Activity:
         arguments=fields.string_map("with"),
     )
     if "scoreFrom" in fields and "score" in fields:
-        fields.refuse("score", score, "score or scoreFrom, not both")
+        fields.refuse("score", score, "either score or scoreFrom, not both")
     if result.until is not None and result.initiative is not None:
-        fields.refuse("until", result.until, "until without initiative: the function decides when its score ends")
+        fields.refuse("until", result.until, "no until with initiative: the function decides when its score ends")
     fields.close()
     return result
 
@@ -109,6 +110,6 @@ def _requirement(fields: Fields) -> activities.Requirement:
         fields.cel("when", "true") or "true", fields.duration("hold") or 0.0, fields.optional_text("task")
     )
     if result.task is not None and "hold" in fields:
-        fields.refuse("hold", fields.raw("hold"), "hold only beside when: a task is able to run or not")
+        fields.refuse("hold", fields.raw("hold"), "no hold with task: a task either can run or can't")
     fields.close()
     return result

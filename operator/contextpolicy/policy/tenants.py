@@ -1,6 +1,6 @@
 """What administrators decide about namespaces: whose policies come first on a node, and what their streams may read.
 
-It comes with the operator's installation, so nobody who can write a policy or label a pod can change it.
+It comes with the operator's installation, so users who can write a policy or label a pod can't change it.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ class PlanRecord(NamedTuple):
 
 @dataclass(slots=True)
 class Records:
-    """What is left of one policy's flight."""
+    """The records of one policy."""
 
     samples: deque[RawSample] = field(default_factory=deque)
     plans: deque[PlanRecord] = field(default_factory=deque)

@@ -83,7 +83,7 @@ class Probation:
         return unknown and self.before(task) is not None
 
     def judge(self, shadow: Shadow, task: str, misses: float, contexts: tuple[str, ...], now: float) -> bool:
-        """A report while the shadow is promoted; True when its promotion is to be taken back."""
+        """A report while the shadow is promoted; True when its promotion is to be reverted."""
         seconds = self._lasted(task, now)
         self._since.setdefault(task, _Misses()).add(misses, seconds)
         beyond = misses - self._expected(task, contexts) - shadow.tolerance

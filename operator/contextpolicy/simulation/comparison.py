@@ -36,7 +36,7 @@ class Difference:
             return f"line {own.line}, {when}: {self.message}"
         return (
             f"line {own.line}, {when}: {self.message}\n"
-            f"    plan {self.plan.sequence} of {self.plan.time:.3f} s, because of {self.plan.cause}"
+            f"    plan {self.plan.sequence} of {self.plan.time:.3f} s, caused by {self.plan.cause}"
         )
 
 
@@ -49,7 +49,7 @@ def differences(
     for expectation in expectations:
         begun = [plan for plan in decided.values() if expectation.start <= plan.time <= expectation.end]
         if expectation.plans is not None and len(begun) not in expectation.plans:
-            message = f"expected {_words(expectation.plans)} plans, {len(begun)} began"
+            message = f"expected {_words(expectation.plans)} plans, but {len(begun)} began"
             yield Difference(expectation, message, begun[-1] if begun else None)
         if expectation.misses is not None and predicted is not None:
             yield from (Difference(expectation, message, None) for message in _missed(predicted, expectation))
@@ -77,7 +77,7 @@ def _messages(plan: Plan, expected: Expectation) -> Iterator[str]:
     if expected.suspended is not None and suspended != expected.suspended:
         yield f"suspended: expected {_names(expected.suspended)}, but {_names(suspended)}"
     if expected.feasible is not None and expected.feasible is bool(plan.shortfalls):
-        short = "; ".join(f"{s.task} {s.message}".strip() for s in plan.shortfalls) or "nothing falls short"
+        short = "; ".join(f"{s.task} {s.message}".strip() for s in plan.shortfalls) or "there are no shortfalls"
         yield f"feasible: expected {str(expected.feasible).lower()}, but {short}"
     shares = {name: float(task.share) for name, task in plan.tasks.items()}
     yield from _outside("share", shares, expected.shares or {}, lambda value: f"{_exact(value)}m")
@@ -94,7 +94,7 @@ def _missed(predicted: Forecast, expected: Expectation) -> Iterator[str]:
         own = [one for one in predicted.outcomes[task] if expected.start <= one.work.at <= expected.end]
         found = stats(own, predicted.deadlines[task])
         if found.misses not in allowed:
-            times = "nothing is done" if found.p99 is None else f"p99 {found.p99:.3g} s"
+            times = "no input was completed" if found.p99 is None else f"p99 {found.p99:.3g} s"
             yield (
                 f"misses of {task}: expected {_words(allowed)}, but {found.misses:.4g} "
                 f"({found.missed} late and {found.dropped} dropped of {found.inputs} inputs; {times})"

@@ -90,13 +90,13 @@ def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
 def _surplus(documents: Sequence[Document]) -> Iterator[Finding]:
     """Whatever would be ignored: an expectation that is never checked looks like one that holds."""
     for document in documents[1:]:
-        yield Finding(f"line {document.position('').line}", "---", "one document: append to the list instead")
+        yield Finding(f"line {document.position('').line}", "---", "one document only: append to the list instead")
     for document in documents[:1]:
         for path in document.duplicates:
             yield Finding(path, path.rpartition(".")[2], "each key once in an object")
         if isinstance(document.body, dict):
             for name in document.body.keys() - {"expect"}:
-                yield Finding(name, document.body[name], "expect alone")
+                yield Finding(name, document.body[name], "no field besides expect")
 
 
 class _Reader:
@@ -128,7 +128,7 @@ class _Reader:
             plans=self._range(f"{path}.plans", raw["plans"], _number, "a number")
             if raw.get("plans") is not None
             else None,
-            misses=self._ranges(f"{path}.misses", raw.get("misses"), self._leaves, _number, "a part, 0 to 1"),
+            misses=self._ranges(f"{path}.misses", raw.get("misses"), self._leaves, _number, "a fraction from 0 to 1"),
         )
 
     def _check_asks(self, path: str, raw: dict[str, Any]) -> None:
@@ -138,10 +138,10 @@ class _Reader:
             self._refuse(path, raw, "at least one of " + ", ".join(CHECKS))
         for name in asked:
             if raw[name] is None:
-                self._refuse(f"{path}.{name}", None, "a value, or the field left out")
+                self._refuse(f"{path}.{name}", None, "a value; or leave out the field")
         for name in ("plans", "misses"):
             if name in raw and "at" in raw:
-                self._refuse(f"{path}.{name}", raw[name], f"{name} with from and to: an instant has none")
+                self._refuse(f"{path}.{name}", raw[name], f"{name} only with from and to")
 
     def _interval(self, path: str, raw: dict[str, Any]) -> tuple[float, float]:
         given = {name: raw[name] for name in ("at", "from", "to") if name in raw}
@@ -150,7 +150,7 @@ class _Reader:
             return 0.0, 0.0
         start, end = (given["at"], given["at"]) if "at" in given else (given["from"], given["to"])
         if start > end:
-            self._refuse(f"{path}.to", end, f"at least from, {start:g}")
+            self._refuse(f"{path}.to", end, f"at least {start:g}, the value of from")
         return float(start), float(end)
 
     def _names(self, path: str, raw: Any, known: Sequence[str]) -> frozenset[str] | None:
@@ -192,7 +192,7 @@ class _Reader:
             self._refuse(path, raw, allowed)
             return Range(0, 0)
         if found.low > found.high:
-            self._refuse(path, raw, "min at most max: nothing is in this range")
+            self._refuse(path, raw, "a min of at most max")
         return found
 
     def _refuse(self, path: str, value: object, allowed: str) -> None:

@@ -271,7 +271,7 @@ def _times(entry: TimelineEntry) -> Iterator[float]:
 
 
 def _deadlines(policy: Policy, profiles: Profiles, given: Mapping[str, float]) -> dict[str, float | None]:
-    """What is given, or the policy's word, or else what the module said of itself."""
+    """The deadlines given, else the policy's, else those of the modules' profiles."""
     said = {task.name: task.needs.deadline for task in policy.tasks if task.needs.deadline is not None} | dict(given)
     return {name: said.get(name, profile.deadline) for name, profile in profiles.tasks.items()}
 

@@ -1,4 +1,4 @@
-"""What can be turned in a policy without changing what it means: weights, bounds and delays, as written in its spec.
+"""What can be tuned in a policy without changing what it means: weights, bounds and delays, as written in its spec.
 
 Conditions, suspensions, selectors and order are the author's, and stay.
 """

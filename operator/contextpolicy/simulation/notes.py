@@ -38,13 +38,13 @@ def notes(policy: Policy, robot: Robot, run: Simulation) -> list[str]:
 def _unfed(policy: Policy, run: Simulation) -> Iterator[str]:
     for stream in policy.streams:
         if stream.name not in run.skipped.fed:
-            yield f"the timeline never feeds stream {stream.name} ({stream.key})"
+            yield f"the timeline has no input for stream {stream.name} ({stream.key})"
 
 
 def _mistyped(policy: Policy, run: Simulation) -> Iterator[str]:
     types = {stream.name: stream.type for stream in policy.streams}
     for stream, recorded in sorted(run.skipped.mistyped):
-        yield f"the recording has {recorded}, and stream {stream} expects {types[stream]}: none of it is read"
+        yield f"the recording has {recorded}, but stream {stream} expects {types[stream]}: no messages are read"
 
 
 def _undecodable(run: Simulation) -> Iterator[str]:
@@ -56,7 +56,7 @@ def _undecodable(run: Simulation) -> Iterator[str]:
         yield from (f"{reason}, {_times(count)}" for reason, count in reasons[:MOST_REASONS])
         rest = [count for _, count in reasons[MOST_REASONS:]]
         if rest:
-            yield f"{stream}: {sum(rest)} more samples can't be decoded, for {len(rest)} more reasons"
+            yield f"{stream}: {sum(rest)} more samples can't be decoded, for {len(rest)} other reasons"
 
 
 def _drops(planner: NotingPlanner) -> Iterator[str]:
@@ -86,7 +86,7 @@ def _shortfalls(run: Simulation) -> Iterator[str]:
         for shortfall in plan.shortfalls:
             first.setdefault(f"{shortfall.task} {shortfall.message}".strip(), plan.time)
     for message, time in list(first.items())[:MOST_SHORTFALLS]:
-        yield f"not feasible from {time:g} s on: {message}"
+        yield f"not feasible from {time:g} s: {message}"
     if len(first) > MOST_SHORTFALLS:
         yield f"not feasible in {len(first) - MOST_SHORTFALLS} more ways"
 

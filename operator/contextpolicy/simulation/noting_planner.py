@@ -35,7 +35,7 @@ class NotingPlanner(Planner):
         super().__init__(policy, self, {})
 
     def on_health(self) -> None:
-        """Nothing: a simulation is looked at when it has ended."""
+        """Nothing: a simulation is read when it has ended."""
 
     def on_expression_error(self, source: str, reason: str) -> None:
         """Note the first failure with the values that the expression reads, and count them all."""

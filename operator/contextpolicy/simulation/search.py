@@ -107,7 +107,7 @@ def _best_turn(knob: Knob, values: Values, counting: _Counting) -> tuple[Values,
 
 
 class _Counting:
-    """A judge that remembers, and gets tired after `tries` different policies."""
+    """A judge that caches its answers, and stops after `tries` different policies."""
 
     def __init__(self, judge: Callable[[Values], float], tries: int) -> None:
         self._judge, self._most = judge, tries

@@ -34,7 +34,7 @@ def reader(type_name: str, store: Typestore, *, max_values: int) -> Callable[[by
         try:
             message = store.deserialize_cdr(payload, type_name)
         except SerdeError as error:
-            raise DecodeError(f"is broken: {error}") from error
+            raise DecodeError(f"is malformed: {error}") from error
         fields: dict[str, Any] = convert(message)
         return fields
 
@@ -88,4 +88,6 @@ def _items(item: Convert | None, max_values: int) -> Convert:
 
 def _check_length(items: Any, max_values: int) -> None:
     if len(items) > max_values:
-        raise DecodeError(f"holds a list of {len(items)} values, allowed: {max_values}; read a topic of readings")
+        raise DecodeError(
+            f"holds a list of {len(items)} values: expected at most {max_values}; read a topic of readings instead"
+        )

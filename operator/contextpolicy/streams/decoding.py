@@ -51,7 +51,7 @@ class Decoder:
         """One reading; DecodeError names the stream, the encoding and what is wrong."""
         try:
             if len(payload) > MAX_PAYLOAD:
-                raise DecodeError(f"has {len(payload)} bytes, allowed: {MAX_PAYLOAD}")  # noqa: TRY301 - named below
+                raise DecodeError(f"has {len(payload)} bytes: expected at most {MAX_PAYLOAD}")  # noqa: TRY301 - named below
             return self.sample(self._read(payload), attachment)
         # Broken JSON, MessagePack and UTF-8 raise ValueError; hostile nesting and lengths the other two.
         except (DecodeError, ValueError, RecursionError, MemoryError) as error:
@@ -79,7 +79,7 @@ def seconds(stamp: object) -> float:
         number = _number(stamp)
         if number is not None:
             return number / _SCALES[bisect(_MAGNITUDES, abs(number))]
-    raise DecodeError(f"has the timestamp {_short(stamp)}, allowed: a number, or a map of sec and nanosec")
+    raise DecodeError(f"has the timestamp {_short(stamp)}: expected a number, or a map of sec and nanosec")
 
 
 def _reader(stream: Stream) -> Callable[[bytes], object]:
@@ -160,7 +160,7 @@ take 900 MB as soon as something copies the value."""
 
 def _of_cbor(error: Exception) -> DecodeError:
     """Our own refusal, which cbor2 wraps, or what cbor2 says."""
-    return error.__cause__ if isinstance(error.__cause__, DecodeError) else DecodeError(f"is broken: {error}")
+    return error.__cause__ if isinstance(error.__cause__, DecodeError) else DecodeError(f"is malformed: {error}")
 
 
 def _msgpack_reader() -> Callable[[bytes], object]:
@@ -223,16 +223,16 @@ def _size(value: object) -> int:
     if isinstance(value, list):
         return len(value)
     if type(value) not in _PLAIN:
-        raise DecodeError(f"holds a {type(value).__name__}, allowed: numbers, strings, lists and maps")
+        raise DecodeError(f"holds a {type(value).__name__}: expected numbers, strings, lists and maps")
     if type(value) is int and value.bit_length() > MAX_BITS:
-        raise DecodeError(f"holds an integer of {value.bit_length()} bits, allowed: {MAX_BITS}")
+        raise DecodeError(f"holds an integer of {value.bit_length()} bits: expected at most {MAX_BITS}")
     return 0
 
 
 def _check_keys(value: dict[object, object]) -> None:
     for key in value:
         if type(key) is not str:
-            raise DecodeError(f"has the key {_short(key)}, allowed: strings")
+            raise DecodeError(f"has the key {_short(key)}: expected strings")
 
 
 def _timestamp(fields: dict[str, Any], path: tuple[str, ...]) -> float | None:
@@ -261,4 +261,4 @@ def _short(value: object) -> str:
 
 def _reason(error: BaseException) -> str:
     text = str(error).partition("\n")[0][:200]
-    return text if isinstance(error, DecodeError) else f"is broken: {text}"
+    return text if isinstance(error, DecodeError) else f"is malformed: {text}"

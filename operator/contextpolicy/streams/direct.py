@@ -1,8 +1,8 @@
 """Callbacks on Zenoh's own thread.
 
 By default zenoh-python queues up to 256 messages, of whatever size, for a thread of its own that calls back: a sender
-of large messages fills the memory before anybody can look at one. Called directly, the callback holds back the link
-instead, and the sender's side drops what finds no place. It must not block.
+of large messages fills the memory before any of them can be inspected. Called directly, the callback holds back the
+link instead, and the sender's side drops what does not fit. It must not block.
 """
 
 from __future__ import annotations

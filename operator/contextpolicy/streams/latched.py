@@ -72,7 +72,7 @@ class Newest:
         self._lock = Lock()
 
     def note(self, key: str, stamp: zenoh.Timestamp | None) -> None:
-        """A sample was heard live: nothing older is of interest."""
+        """A sample was received live: nothing older is of interest."""
         with self._lock:
             self._put(hash(key), stamp)
 
@@ -125,7 +125,7 @@ class _Question:
         self._scheduler.schedule_relative(max(0.0, rest), self._ask)
 
     def end(self) -> None:
-        """Ask no more."""
+        """Stop asking."""
         self._ended = True
 
     def _ask(self, *_: object) -> None:

@@ -84,7 +84,7 @@ def read_index(path: Path, damages: Damages) -> Index:
 def content_of(file: BinaryIO, piece: Piece) -> list[McapRecord]:
     """The records in a piece, their checksum verified; BrokenError if they can't be read."""
     if piece.size > LARGEST:
-        raise BrokenError(f"it would have {piece.size} bytes")
+        raise BrokenError(f"its length field says {piece.size} bytes")
     file.seek(piece.offset)
     content = file.read(piece.size)
     if len(content) < piece.size:
@@ -160,7 +160,7 @@ def _verify_summary(file: BinaryIO, size: int) -> None:
     file.seek(max(end, 0))
     footer, magic = file.read(_FOOTER.size), file.read()
     if end < len(MAGIC) or magic != MAGIC or footer[0] != Opcode.FOOTER:
-        raise BrokenError("has no end, as after a power cut")
+        raise BrokenError("has no end marker, as after a power cut")
     start, checksum = _FOOTER.unpack(footer)[2], _FOOTER.unpack(footer)[4]
     if start > end:
         raise BrokenError("has a damaged summary: it would begin after its end")
@@ -264,7 +264,7 @@ def _records(opcode: int, content: bytes) -> list[McapRecord]:
                 return [Message.read(stream, len(content))]
         chunk = Chunk.read(stream)
         if chunk.uncompressed_size > LARGEST:
-            raise BrokenError(f"a chunk would have {chunk.uncompressed_size} bytes")  # noqa: TRY301 - a reason of its own
+            raise BrokenError(f"a chunk's length field says {chunk.uncompressed_size} bytes")  # noqa: TRY301 - a reason of its own
         return breakup_chunk(chunk, validate_crc=True)
     except BrokenError:
         raise

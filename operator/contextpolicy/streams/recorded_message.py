@@ -64,7 +64,7 @@ class Damage(NamedTuple):
 
 
 class Damages(Protocol):
-    """What hears of each part that can't be read."""
+    """Receives each part that can't be read."""
 
     @property
     def notes(self) -> Sequence[str]:

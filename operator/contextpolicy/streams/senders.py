@@ -22,7 +22,7 @@ MOST = 1000
 
 
 class SendersListener(Protocol):
-    """What hears of a stream's senders; called on Zenoh's threads, and must not block them."""
+    """Receives changes of a stream's senders; called on Zenoh's threads, and must not block them."""
 
     def on_gone(self) -> None:
         """The last of them ended."""
@@ -69,7 +69,7 @@ class Senders:
                 _note(self._alive, key)
 
     def on_end(self) -> None:
-        """There are no more answers."""
+        """The answers are complete."""
         with self._lock:
             gone = bool(self._ended) and not self._alive
             self._complete = True

@@ -42,7 +42,7 @@ BATCH = 100
 
 
 class SampleListener(Protocol):
-    """What hears of samples that are no input yet, or never will be; called on the loop."""
+    """Receives samples before they are decoded, and those that are dropped; called on the loop."""
 
     def on_arrival(self, arrived: float, stream: str, payload: bytes, attachment: bytes, key: str) -> None:
         """A sample is about to be decoded: its key is empty where the stream's has no wildcard."""

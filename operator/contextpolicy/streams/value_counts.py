@@ -61,11 +61,11 @@ def cbor_exceeds(payload: bytes, most: int) -> bool:
 
 def refused_tag(tag: int) -> str:
     """Why a value of this CBOR tag is refused."""
-    return f"holds a value of CBOR tag {tag}, allowed: numbers, strings, lists and maps"
+    return f"holds a value of CBOR tag {tag}: expected numbers, strings, lists and maps"
 
 
 def _exceeds(payload: bytes, most: int, after: Callable[[bytes, int], int]) -> bool:
-    """What is cut off ends the walk; the decoder says so."""
+    """A truncated payload ends the walk; the decoder reports it."""
     position, end = 0, len(payload)
     for _ in range(most):
         if position >= end:

@@ -1,4 +1,4 @@
-"""Which version of which program answers, and since when, as metrics."""
+"""The program, its version and its start time, as metrics."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.metadata import version
 from prometheus_client import Gauge
 
 BUILD = Gauge(
-    "contextpolicy_build_info", "Always 1; the labels say which program of which version.", ["component", "version"]
+    "contextpolicy_build_info", "Always 1; the labels name the program and its version.", ["component", "version"]
 )
 STARTED = Gauge(
     "contextpolicy_start_timestamp_seconds",

@@ -1,4 +1,4 @@
-"""When a program's certificate on the bus ends, as a metric."""
+"""The expiry of a program's certificate for the bus, as a metric."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 EXPIRY = Gauge(
     "contextpolicy_certificate_expiry_timestamp_seconds",
-    "When the program's certificate on the bus ends, in Unix seconds; NaN if it or its key can't be read.",
+    "When the program's certificate for the bus expires, in Unix seconds; NaN if it or its key can't be read.",
     ["component"],
 )
 

@@ -1,4 +1,4 @@
-"""How many Events one policy may post: enough for every trouble, too few for a flapping context to flood the cluster.
+"""How many Events one policy may post: enough for every problem, too few for a flapping context to flood the cluster.
 
 Pure.
 """

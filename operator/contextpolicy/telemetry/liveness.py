@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
 READY = Gauge(
-    "contextpolicy_operator_ready", "1 while this replica decides, or could as soon as it leads, as on /readyz."
+    "contextpolicy_operator_ready",
+    "1 while this replica is ready, as on /readyz: it decides, or could as soon as it leads.",
 )
 
 
@@ -35,7 +36,7 @@ class LoopDelays(Collector):
 
 
 def _family(delays: Mapping[str, float]) -> GaugeMetricFamily:
-    text = "Time for which the operator's loop has not answered; 0 while it does."
+    text = "Time for which the operator's loop has not responded; 0 while it responds."
     family = GaugeMetricFamily("contextpolicy_loop_delay_seconds", text, labels=["loop"])
     for loop, delay in delays.items():
         family.add_metric([loop], delay)

@@ -32,13 +32,13 @@ SAMPLE_TO_PLAN = Histogram(
 )
 PLAN_TO_PATCH = Histogram(
     "contextpolicy_plan_to_patch_seconds",
-    "Time from such a plan until the API has accepted a new limit of a container.",
+    "Time from ordering a plan until the API server has accepted a new limit of a container.",
     POLICY,
     buckets=_LATENCY,
 )
 PATCH_TO_IN_FORCE = Histogram(
     "contextpolicy_patch_to_in_force_seconds",
-    "Time from then until the kubelet reports the limit in force.",
+    "Time from the API server's acceptance of a limit until the kubelet reports it in force.",
     POLICY,
     buckets=_LATENCY,
 )
@@ -51,26 +51,26 @@ REACTION = Histogram(
 PLANS = Counter("contextpolicy_plans_total", "Plans made.", POLICY)
 DROPS = Counter("contextpolicy_samples_dropped_total", "Samples not used.", [*POLICY, "stream", "reason"])
 HELD_BACK = Counter("contextpolicy_plans_held_back_total", "Plans that minDwell held back.", POLICY)
-CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has effects.", [*POLICY, "context"])
+CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context is active.", [*POLICY, "context"])
 TASK_SHARE = Gauge(
-    "contextpolicy_task_share_cores", "What the plan gives the task; none for one made of subtasks.", [*POLICY, "task"]
+    "contextpolicy_task_share_cores", "The task's share; absent for a task made of subtasks.", [*POLICY, "task"]
 )
 TASK_WEIGHT = Gauge(
-    "contextpolicy_task_weight", "The task's weight; none for one made of subtasks, which have it.", [*POLICY, "task"]
+    "contextpolicy_task_weight", "The task's weight; absent for a task made of subtasks.", [*POLICY, "task"]
 )
 RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", [*POLICY, "result"])
 CONFLICTS = Counter(
     "contextpolicy_conflicts_total",
-    "Times that another writer changed the CPU of a container of the policy.",
+    "How often another writer changed the CPU of a container of the policy.",
     POLICY,
 )
 API_REQUESTS = Counter(
     "contextpolicy_api_requests_total",
-    "Requests to the API server by HTTP method and status code; the code of one without an answer is `none`.",
+    "Requests to the API server by HTTP method and status code, which is `none` without an answer.",
     ["method", "code"],
 )
 EVENTS_LEFT_OUT = Counter(
-    "contextpolicy_events_left_out_total", "Events on a policy that were not posted, because it had too many.", POLICY
+    "contextpolicy_events_left_out_total", "Events on a policy that were not posted, to limit their rate.", POLICY
 )
 
 _KNOWN_BEFOREHAND = (

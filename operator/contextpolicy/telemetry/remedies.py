@@ -1,4 +1,4 @@
-"""What a user can do about a resize that was refused, held back or undone. Pure."""
+"""What a user can do about a resize that was refused, held back or reverted. Pure."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from contextpolicy.cluster.writers import FIELD_MANAGER
 if TYPE_CHECKING:
     from contextpolicy.errors import ActuationError
 
-_AGAIN = f"it is retried after {REFUSED.longest:.0f} s at the latest"
+_AGAIN = f"the operator retries within {REFUSED.longest:.0f} s"
 _BOUNDED = (
-    "the pod has resources of its own (spec.resources), which bound its containers': set the task's max to its CPU "
-    "limit and enforcement.control to Limit, or take them out of its template"
+    "the pod has resources of its own (spec.resources), which bound those of its containers: set the task's max to the "
+    "pod's CPU limit and enforcement.control to Limit, or remove them from the pod template"
 )
 _REFUSALS = (
     (r"exceeded quota", f"raise the ResourceQuota or lower the task's max; {_AGAIN}"),
@@ -25,12 +25,12 @@ _REFUSALS = (
     (r"pod limits of|aggregate container requests", f"{_BOUNDED}; {_AGAIN}"),
     (r"enough allocatable resources", f"raise the policy's reserve or lower the task's max; {_AGAIN}"),
     (r"cannot (patch|update) resource", f"allow the operator's role to patch pods/resize; {_AGAIN}"),
-    (r"denied (the )?request", f"let that admission policy or webhook pass the operator's resizes; {_AGAIN}"),
+    (r"denied (the )?request", f"allow the operator's resizes in that admission policy or webhook; {_AGAIN}"),
 )
 _NO_ROOM = (
-    "its CPU request does not fit on the node: raise the policy's reserve, lower their requests or the "
+    "its CPU request does not fit on the node: raise the policy's reserve, lower the requests of its pods or the "
     "task's max, or, unless control is Weight, give the pod unequal memory request and limit, so that only its CPU "
-    "limit moves; the kubelet carries it out when there is room"
+    "limit changes; the kubelet carries out the resize when there is room"
 )
 _STATIC_CPUS = (
     "a static CPU manager can't resize Guaranteed pods: give it unequal memory request and limit, so that it is "
@@ -39,7 +39,7 @@ _STATIC_CPUS = (
 _PENDING = (
     (r"^Deferred", _NO_ROOM),
     (r"^Infeasible.*CPU Manager", _STATIC_CPUS),
-    (r"^Infeasible", "this node can't resize the pod like that: lower the task's max, or run the pod elsewhere"),
+    (r"^Infeasible", "this node can't resize the pod to that: lower the task's max, or run the pod elsewhere"),
     (r"^Error", "the kubelet retries by itself; its log has the reason"),
 )
 _WRITERS = (
@@ -47,7 +47,7 @@ _WRITERS = (
         r"vpa|^updater$|vertical-pod",
         'set updateMode: "Off" in its VerticalPodAutoscaler, or controlledResources: [memory] for this container',
     ),
-    (r"startup-cpu-boost", "leave this pod out of its StartupCPUBoost"),
+    (r"startup-cpu-boost", "exclude this pod from its StartupCPUBoost"),
     (
         rf"^({FIELD_MANAGER})?$",
         (

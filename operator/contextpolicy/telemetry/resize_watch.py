@@ -23,18 +23,20 @@ if TYPE_CHECKING:
     from contextpolicy.telemetry.reactions import Reaction
 
 RECENT = 100
-"""Reactions that are kept for people who watch; the histograms have them all."""
+"""Reactions that are kept for the live view; the histograms have them all."""
 FAILED = "ResizeFailed"
 """Reason of the event which says that the API server refused a resize, or did not answer."""
 RECOVERED = "ResizeRecovered"
 """Reason of the event which says that a problem is over."""
-CHANGED = "another writer changed status.originals; it is written again as it was: restrict contextpolicies/status"
+CHANGED = (
+    "another writer changed status.originals; the operator has restored it: restrict writes to contextpolicies/status"
+)
 CHANGED_PAUSE = 300.0
 """Seconds between two Events about that."""
 
 
 class ResizeListener(Protocol):
-    """What hears of resizes."""
+    """Receives news of resizes."""
 
     def knows(self, policy: str) -> bool:
         """Whether the policy is still there; one that is released does not wait for answers about pods that end."""
@@ -115,7 +117,7 @@ class ResizeWatch:
         failed = self._failed.setdefault(policy, {})
         if error is None:
             if failed.pop(pod, None):
-                self._listener.on_problem(policy, RECOVERED, f"{pod} can be resized again")
+                self._listener.on_problem(policy, RECOVERED, f"{pod}: updates succeed again")
             return
         metrics.RESIZES.labels(*metrics.labels(policy), error.reason).inc()
         message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
@@ -161,7 +163,7 @@ class ResizeWatch:
                 self._listener.on_problem(policy, "ResizePending", message)
             elif policy not in asking and identity in held:
                 del held[identity]
-                self._listener.on_problem(policy, RECOVERED, f"{pod.name}: no resize is held back any more")
+                self._listener.on_problem(policy, RECOVERED, f"{pod.name}: the kubelet no longer holds back a resize")
 
     def lose(self, pod: PodView) -> None:
         """The pod is gone, and its problems with it."""
@@ -200,10 +202,10 @@ def _advised(message: str, remedy: str) -> str:
 def _answer(conflict: Conflict) -> str:
     if conflict.yielded:
         return (
-            "this keeps happening, so the change is left in place, and the plan's value is tried again "
+            "as this keeps happening, the operator leaves the change in place and retries the plan's value "
             f"every {YIELDED / 60:g} min"
         )
-    return "the plan's value is written again"
+    return "the operator writes the plan's value again"
 
 
 def _changes(conflict: Conflict) -> Iterator[str]:

@@ -8,5 +8,5 @@ CLIENTS = Gauge(
     "contextpolicy_router_clients", "Zenoh sessions that the router has: sensors, modules, operator, agents."
 )
 RESTARTS = Counter(
-    "contextpolicy_router_restarts_total", "How often the router was killed and started again in its container."
+    "contextpolicy_router_restarts_total", "How often the router was killed and restarted in its container."
 )

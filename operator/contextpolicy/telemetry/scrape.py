@@ -99,7 +99,7 @@ def families(scraped: Scraped) -> Iterator[Family]:
     yield from _stream_families(policies, scraped.now)
     yield _counter(
         "contextpolicy_context_transitions",
-        "How often the context began or ceased to hold.",
+        "How often the context started or stopped holding.",
         (*_POLICY, "context"),
         [
             ((*_split(policy), context.spec.name), planner.transitions[context.spec.name])
@@ -109,7 +109,7 @@ def families(scraped: Scraped) -> Iterator[Family]:
     )
     yield _gauge(
         "contextpolicy_container_limit_cores",
-        "CPU limit of the container that the kubelet reports in force.",
+        "The container's CPU limit that the kubelet reports in force.",
         (*_POLICY, "task", "pod", "container"),
         list(_limits(policies, scraped.pods)),
     )
@@ -140,13 +140,13 @@ def _stream_families(policies: Iterable[ScrapedPolicy], now: float) -> Iterator[
 def _node_families(scraped: Scraped) -> Iterator[Family]:
     yield _gauge(
         "contextpolicy_node_agent_ready",
-        "1 while plans count on the node's agent; 0 while it is gone, does not answer or confirm, or lacks something.",
+        "1 while plans rely on the node's agent; 0 while it is gone, unresponsive, or lacks something that it needs.",
         ("node",),
         [((node,), node in writing(scraped.agents)) for node in sorted(scraped.agents.keys() | _agentless(scraped))],
     )
     yield _gauge(
         "contextpolicy_kubelet_delay_seconds",
-        "Time that kubelets of the policy's pods may take to resize: 2 before Kubernetes 1.36, else 0; 0 with agents.",
+        "How long kubelets of the policy's pods may take to resize: 2 before Kubernetes 1.36, else 0; 0 with agents.",
         _POLICY,
         list(_delays(scraped)),
     )

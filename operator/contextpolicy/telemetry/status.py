@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
     from contextpolicy.policy.spec import Policy
 
-NO_ROUTER = "no Zenoh router answers: no sample is heard, the last plan stays in force"
+NO_ROUTER = "no Zenoh router answers: no samples arrive, and the last plan stays in force"
 NEEDED = ("Accepted", "Connected", "Bound", "Applied")
 """The conditions that `Ready` consists of. A sleeping microphone or a floor that does not fit are reported, but are no
 failure of the policy."""
 GIVE_UP = (
-    "the policy is deleted once its containers are restored; to give up, remove its finalizer "
-    f"{FINALIZER}, and they keep what they have"
+    "the policy is deleted once its containers are restored; to delete it without restoring them, remove its finalizer "
+    f"{FINALIZER}"
 )
 MAX_NODES = 64
 """How many nodes the status lists: the definition's limit, so that the object stays small."""
@@ -182,7 +182,7 @@ def _application(mode: Mode, shadow: ShadowFacts | None, unapplied: Sequence[str
     if shadow.is_back and shadow.taken_back is not None:
         reverted = f"the promotion was reverted at {shadow.taken_back['time']}: {shadow.taken_back['message']}"
         return ConditionFinding("Applied", good, "TakenBack", [f"{reverted}; edit the spec to try again"])
-    rival = [f"{shadow.rival} is promoted already: only one shadow of a policy can be"] if shadow.rival else []
+    rival = [f"{shadow.rival} is already promoted: only one shadow of a policy can be"] if shadow.rival else []
     return ConditionFinding("Applied", "Promoted" if shadow.promoted else good, "NotApplied", rival)
 
 

@@ -1,7 +1,7 @@
 """How often a policy's status may be written, by what is new in it. Pure.
 
 A write costs flash: 0.1 MiB on SQLite (kine), half of what a limit that moves costs. What a person should look into is
-written at once, what moves with every sample now and then: nobody reads it more often from the API.
+written at once, what moves with every sample only now and then: the API is not read more often.
 """
 
 from __future__ import annotations

@@ -101,8 +101,8 @@ def test_pod_template_overrides_an_unsigned_original(originals):
 def test_a_forgery_is_reported_with_both_values():
     [doubt] = Case(a_resized_pod(), owner=an_owner()).vet(unsigned("50m")).doubts
     assert doubt.text == (
-        "lab/slam/slam: status.originals says request 100m, limit 50m, not signed by the operator; "
-        "ReplicaSet slam-7d9f says request 100m, limit 500m, which counts"
+        "lab/slam/slam: status.originals has request 100m, limit 50m, not signed by the operator; "
+        "using request 100m, limit 500m from ReplicaSet slam-7d9f"
     )
 
 
@@ -134,7 +134,7 @@ def test_unprovable_original_is_reported_and_kept(pod, owner):
     assert not doubt.settled
     assert (found.stored.pods, found.stored.unproven) == ({}, {f"uid-{name}": doubt.text})
     assert doubt.text.endswith(
-        "no owner of the pod states its original, so it keeps request 100m, limit 990m, and the entry stays; "
+        "no owner of the pod states its original CPU, so it keeps request 100m, limit 990m, and the entry stays; "
         "replace the pod"
     )
 
@@ -144,7 +144,7 @@ def test_entry_signed_by_another_release_is_not_overwritten():
     entry = signed(500, key=b"x" * 32)
     case = Case(a_resized_pod(owner=None))
     found = case.vet(entry)
-    assert "says request 100m, limit 500m, signed with another key than this release's" in found.doubts[0].text
+    assert "has request 100m, limit 500m, signed with another key than this release's" in found.doubts[0].text
     assert found.doubts[0].text.endswith("let the release that signed it serve the namespace, or replace the pod")
     originals = Originals(SIGNATURES)
     originals.recall(POLICY, found.stored, lambda _: True)

@@ -104,7 +104,7 @@ def answered(asked, listener):
 
 
 @pytest.mark.parametrize("attachment", [None, bytes(72)], ids=["unsigned", "forged"])
-def test_source_is_asked_again_when_somebody_speaks_for_it_without_proof(answered, attachment):
+def test_source_is_asked_again_after_a_message_without_proof(answered, attachment):
     """It may be the operator itself, with a key that the agent does not know."""
     answered.say(b"plan", attachment)
     answered.wait(5)
@@ -151,7 +151,7 @@ def test_key_that_is_replaced_in_the_wrong_order_counts_once_both_have_it(tmp_pa
     assert listener.events[-1] == (POLICY, b"plan")
 
 
-def test_a_source_that_says_its_plan_meanwhile_is_not_asked(answered):
+def test_a_source_that_publishes_meanwhile_is_not_asked(answered):
     answered.say(b"plan")
     answered.bus._put(POLICY, b"plan", 2)
     answered.wait(1000)
@@ -167,7 +167,7 @@ def test_what_the_operator_has_signed_puts_nothing_in_doubt(answered, sign, ago)
     assert len(answered.asked) == 1
 
 
-def test_forged_plan_of_a_policy_without_one_in_force_has_nobody_asked(answered, listener):
+def test_forged_plan_of_a_policy_without_one_in_force_asks_no_source(answered, listener):
     listener.in_force = False
     answered.say(b"plan")
     answered.wait(1000)

@@ -39,7 +39,7 @@ def test_a_container_without_a_quota_is_capped_and_freed_again(tree, limits, fre
     assert journal.read_text() == ""
 
 
-def test_the_next_life_knows_that_there_was_no_quota(tree, limits, live, free):
+def test_the_next_run_restores_that_there_was_no_quota(tree, limits, live, free):
     limits.plan({free: 10}, original=API)
     heir = live()
     heir.plan({free: API}, original=API)

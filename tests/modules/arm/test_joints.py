@@ -69,8 +69,8 @@ def test_every_limit_in_the_way_is_named():
     with pytest.raises(Unreachable) as caught:
         ARM.checked({"base": 91, "shoulder": 0, "elbow": -90, "grip": -1})
     assert str(caught.value) == (
-        "base: 91.0 degrees, allowed are -90 to 90; grip: -1.0 degrees, allowed are 0 to 90; "
-        "height: -80 mm, the lowest is -60"
+        "base: 91.0 degrees: expected -90 to 90; grip: -1.0 degrees: expected 0 to 90; "
+        "height: -80 mm: expected at least -60 mm"
     )
 
 
@@ -81,10 +81,10 @@ def test_all_mistakes_in_a_configuration_are_reported_at_once(tmp_path):
     with pytest.raises(ConfigurationError) as caught:
         load_arm(path)
     for problem in (
-        "links_mm.forearm: 'long', allowed is a number from 1 to 1000",
-        "joints.base.channel: 24, allowed is a number from 0 to 23",
-        "joints.elbow.angle_deg: [1], allowed is a list of 2 numbers",
-        "bend_deg: None, allowed is a list of 2 numbers",
+        "links_mm.forearm: invalid value 'long': expected a number from 1 to 1000",
+        "joints.base.channel: invalid value 24: expected a number from 0 to 23",
+        "joints.elbow.angle_deg: invalid value [1]: expected a list of 2 numbers",
+        "bend_deg: invalid value None: expected a list of 2 numbers",
     ):
         assert problem in str(caught.value)
 
@@ -92,10 +92,10 @@ def test_all_mistakes_in_a_configuration_are_reported_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"joints__grip__channel": 0}, "each joint needs its own"),
-        ({"joints__grip__pulse_us": [1500, 1500]}, "two different pulses are needed"),
-        ({"joints__grip__angle_deg": [90, 0]}, "the first must be the smaller one"),
-        ({"joints__grip__speed_deg_s": 0}, "joints.grip.speed_deg_s: 0, allowed is a number from 1 to 360"),
+        ({"joints__grip__channel": 0}, "expected a different one for each joint"),
+        ({"joints__grip__pulse_us": [1500, 1500]}, "expected two different pulses"),
+        ({"joints__grip__angle_deg": [90, 0]}, "expected the smaller angle first"),
+        ({"joints__grip__speed_deg_s": 0}, "joints.grip.speed_deg_s: invalid value 0: expected a number from 1 to 360"),
         ({"home_mm": [500, 0, 0]}, "home_mm: position"),
     ],
 )

@@ -47,5 +47,5 @@ def test_any_point_is_reached_exactly_or_refused(x, y, z):
 
 
 def test_a_point_too_far_away_is_reported_with_what_the_arm_spans():
-    with pytest.raises(Unreachable, match=r"position \(400, 0, 0\): 332 mm .* spans 0 to 160"):
+    with pytest.raises(Unreachable, match=r"position \(400, 0, 0\): 332 mm .* expected 0 to 160"):
         inverse(LINKS, (400, 0, 0))

@@ -42,7 +42,7 @@ def test_a_small_speed_limit_is_not_rounded_to_unlimited():
 
 @pytest.mark.parametrize("pulse", [-1, 4096])
 def test_a_pulse_that_does_not_fit_is_refused(pulse):
-    with pytest.raises(ValueError, match=r"set_target of channel 1: .* is outside of 0 to 16383"):
+    with pytest.raises(ValueError, match=r"set_target of channel 1: invalid value .*: expected 0 to 16383"):
         servos.set_target(1, pulse)
 
 

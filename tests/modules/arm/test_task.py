@@ -159,7 +159,7 @@ def test_an_arm_that_is_unplugged_while_it_rests_is_reported(monkeypatch):
         world.next("resting")
         monkeypatch.setattr(controller, "ANSWER_S", 0.1)
         world.device.receive = lambda _: b""
-        assert "is it a Maestro?" in str(world.next("never"))
+        assert "expected a Maestro" in str(world.next("never"))
 
 
 def test_a_connection_that_takes_longer_than_a_suspension_leaves_the_next_one_its_arm(monkeypatch):
@@ -183,5 +183,5 @@ def test_a_connection_that_takes_longer_than_a_suspension_leaves_the_next_one_it
 
 
 def test_an_order_without_an_arm_is_a_device_error():
-    with pytest.raises(DeviceError, match="no arm is there"):
+    with pytest.raises(DeviceError, match="no arm is connected"):
         World(None, MeArm(ARM, "/dev/nowhere")).order(BACK)

@@ -105,7 +105,7 @@ def test_one_camera_of_a_sequence(sequence):
 
 def test_a_sequence_without_the_camera_is_refused(sequence):
     (sequence / "mav0/cam1/data.csv").unlink()
-    with pytest.raises(DatasetError, match=r"cam1/data\.csv: is missing, view stereo needs it"):
+    with pytest.raises(DatasetError, match=r"cam1/data\.csv: missing, and needed for view stereo"):
         Recorded(sequence, "stereo")
 
 
@@ -122,7 +122,7 @@ def test_two_devices_give_pairs_until_one_is_unplugged():
     left = cv2.imdecode(np.frombuffer(pair.left, np.uint8), cv2.IMREAD_GRAYSCALE)
     assert left is not None
     assert left.shape == (48, 64)
-    with pytest.raises(DeviceError, match="camera /dev/video0 gives no pictures"):
+    with pytest.raises(DeviceError, match="camera /dev/video0 delivers no pictures"):
         list(frames)
     assert [capture.released for capture in CAPTURES] == [True, True]
 

@@ -82,7 +82,7 @@ def test_leaning_is_not_a_turn():
     assert after(samples(200, noise=0.002), lean).state is State.MOVING
 
 
-def test_a_short_rest_is_no_standstill_yet():
+def test_a_short_rest_is_not_yet_a_standstill():
     moving, rest = samples(200, noise=0.05), list(samples(200, noise=0.002, start=10**9))
     assert after(moving, rest[:60]).state is State.MOVING
     moving = samples(200, noise=0.05)

@@ -125,7 +125,7 @@ REQUESTS = st.one_of(
 
 
 @given(st.lists(REQUESTS, max_size=6), st.data())
-def test_requests_are_heard_however_they_are_cut(sent, data):
+def test_fragmented_requests_are_parsed(sent, data):
     wire = b"".join(request(*each) for each in sent)
     cut = data.draw(st.integers(0, len(wire)))
     parser = RequestParser()
@@ -137,5 +137,5 @@ def test_noise_in_requests_is_not_an_error(noise):
     RequestParser().feed(noise)
 
 
-def test_a_request_with_a_wrong_checksum_is_not_heard():
+def test_a_request_with_a_wrong_checksum_is_ignored():
     assert RequestParser().feed(rplidar.EXPRESS_SCAN[:-1] + b"\x23") == []

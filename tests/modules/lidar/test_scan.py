@@ -115,7 +115,7 @@ def test_jitter_at_the_zero_angle_makes_no_turn_of_its_own():
     assert len(turns.add([*a_turn(), *jitter, *a_turn()[1:], Node(0.0, 1, 1)])) == 2
 
 
-def test_a_turn_says_how_many_nodes_came_after_it():
+def test_a_turn_counts_the_nodes_after_it():
     turns = Turns()
     added = turns.add([*a_turn(), *a_turn(step=2.0), *a_turn()[:50]])
     assert [(len(turn.nodes), turn.later) for turn in added] == [(360, 230), (180, 50)]

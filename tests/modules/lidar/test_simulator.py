@@ -55,7 +55,7 @@ def test_it_reports_its_scan_modes_as_an_a1_does():
 
 
 @pytest.mark.parametrize("asked", [(0x71, 2), (0x99, 0), (0x99,)])
-def test_of_what_it_does_not_know_it_reports_nothing(asked):
+def test_unknown_requests_get_no_answer(asked):
     assert configured(*asked) == b""
 
 

@@ -120,7 +120,7 @@ def test_a_lidar_that_fails_again_after_a_reset_is_reported():
     device = Witness()
     device.health, device.lasting = Health(PROTECTING, 0x8001), True
     with scans(device) as results:
-        assert "protects itself, error code 0x8001" in str(results.get(timeout=PATIENCE))
+        assert "has shut itself down, error code 0x8001" in str(results.get(timeout=PATIENCE))
 
 
 def test_a_lidar_that_falls_silent_is_reported(monkeypatch):
@@ -149,5 +149,6 @@ def test_all_mistakes_in_the_environment_are_reported_at_once():
     with pytest.raises(ConfigurationError) as caught:
         build({"LIDAR_MODE": "fast", "LIDAR_FORWARD": "nan"})
     assert str(caught.value) == (
-        "LIDAR_MODE: 'fast', allowed are standard and express\nLIDAR_FORWARD: 'nan', allowed is an angle in degrees"
+        "LIDAR_MODE: invalid value 'fast': expected standard or express\n"
+        "LIDAR_FORWARD: invalid value 'nan': expected an angle in degrees"
     )

@@ -88,7 +88,7 @@ def test_a_device_gives_chunks_until_it_is_silent(monkeypatch):
     chunks = Device("", portaudio).chunks(threading.Event())
     assert [next(chunks)[1] for _ in range(2)] == [TONE, TONE]
     assert portaudio.open
-    with pytest.raises(DeviceError, match="gives no sound"):
+    with pytest.raises(DeviceError, match="delivers no sound"):
         next(chunks)
     assert not portaudio.open
 

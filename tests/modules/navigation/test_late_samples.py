@@ -52,7 +52,7 @@ def test_a_scan_that_waited_leaves_the_robot_blind(navigation):
 def test_scans_of_a_clock_ahead_leave_the_robot_blind_and_are_reported(navigation):
     navigation.process(received("scan", FREE, waited=-5))  # a robot that stands needs no eyes
     navigation.process(received("order", ROUTE))
-    with pytest.raises(MessageError, match=r"scan: the clock of its source is 5\.0 s ahead"):
+    with pytest.raises(MessageError, match=r"scan: its source's clock is 5\.0 s ahead"):
         navigation.process(received("scan", FREE))
     assert (motion(navigation), navigation._pilot.doing) == (STILL, "blind")
 

@@ -85,9 +85,9 @@ def test_the_right_wheel_comes_first():
 @pytest.mark.parametrize(
     ("build", "problem"),
     [
-        (lambda: oi.drive(501, 0), "velocity: 501 is outside of -500 to 500"),
-        (lambda: oi.drive(0, 2001), "radius: 2001 is outside of -2000 to 2000"),
-        (lambda: oi.drive_direct(right=0, left=-501), "left: -501 is outside of -500 to 500"),
+        (lambda: oi.drive(501, 0), "velocity: invalid value 501: expected -500 to 500"),
+        (lambda: oi.drive(0, 2001), "radius: invalid value 2001: expected -2000 to 2000"),
+        (lambda: oi.drive_direct(right=0, left=-501), "left: invalid value -501: expected -500 to 500"),
     ],
 )
 def test_a_speed_that_the_robot_does_not_know_is_refused(build, problem):

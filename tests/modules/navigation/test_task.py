@@ -160,7 +160,7 @@ def test_a_lifted_robot_stops_until_the_next_order():
 def test_a_robot_that_falls_silent_is_a_device_error():
     with a_driving_robot() as world:
         world.robot.receive(oi.STOP)
-        assert "no sensor data for 1 s; is the robot on?" in str(world.failed.get(timeout=PATIENCE))
+        assert "no sensor data for 1 s: check that the robot is on" in str(world.failed.get(timeout=PATIENCE))
 
 
 def test_noise_on_the_line_is_counted_and_the_drive_continues():
@@ -174,5 +174,5 @@ def test_noise_on_the_line_is_counted_and_the_drive_continues():
 def test_an_order_without_a_robot_is_a_device_error_but_a_stop_is_not():
     navigation = Navigation("/dev/nowhere")
     navigation.process(received("order", {"stop": True}))
-    with pytest.raises(DeviceError, match="no robot is there"):
+    with pytest.raises(DeviceError, match="no robot is connected"):
         navigation.process(received("order", AHEAD))

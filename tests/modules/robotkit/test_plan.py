@@ -92,7 +92,7 @@ def listening(session, heard):
     listener.close()
 
 
-def test_a_module_hears_the_plan_in_force_and_every_change():
+def test_a_module_receives_the_plan_in_force_and_every_change():
     heard: queue.Queue[Decision] = queue.Queue()
     with (
         router() as address,

@@ -24,7 +24,7 @@ def test_a_query_to_all_collects_every_profile(capsys):
     document = json.loads(printed.out)
     assert list(document["tasks"]) == ["echo", "twin"]
     assert document["tasks"]["twin"]["inputs"]["words"]["key"] == ECHO.inputs["words"].key
-    assert "note: echo has not done any input yet" in printed.err
+    assert "note: echo has not processed any input yet" in printed.err
 
 
 def test_missing_answers_are_reported(capsys, monkeypatch):

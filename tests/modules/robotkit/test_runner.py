@@ -108,7 +108,7 @@ def test_a_result_of_a_ros_message_has_its_headers_stamp(type_name, fields, stam
 
 
 def test_a_mapping_for_several_outputs_is_a_bug_of_the_module():
-    with pytest.raises(TypeError, match=r"this one has .'heard', 'raw'.: give Results"):
+    with pytest.raises(TypeError, match=r"this one has .'heard', 'raw'.: return Results"):
         as_results({"x": 1}, ECHO.outputs)
 
 

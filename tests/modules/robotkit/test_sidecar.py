@@ -120,7 +120,7 @@ def test_answers_without_a_matching_input_are_reported(module, caplog):
     with watched(module) as (robot, _, _):
         for stamp in range(STRANGE):
             robot.pose(STAMP + stamp)
-        until(lambda: "has the header's stamp of an input" in caplog.text)
+        until(lambda: "has the same header stamp as an input" in caplog.text)
 
 
 @pytest.mark.parametrize(

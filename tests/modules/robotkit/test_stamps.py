@@ -34,7 +34,7 @@ def test_the_stamp_is_read_from_each_form(raw):
     assert said(raw).stamp == STAMP
 
 
-def test_rmw_zenohs_forms_are_those_that_the_operator_knows():
+def test_attachment_formats_match_those_of_the_operator():
     assert ros_attachment(1, STAMP, GID) == attach(1, STAMP, GID)
     assert len(named()) == 77
     assert source_timestamp(named()) == source_timestamp(ros_attachment(1, STAMP, GID)) == STAMP / 1e9
@@ -44,12 +44,12 @@ def test_rmw_zenohs_forms_are_those_that_the_operator_knows():
     "raw",
     [None, b"", named().replace(b"gid", b"gip"), named(gid=GID[:8] + bytes(8))[:-8], ros_attachment(1, 5, GID)[:-1]],
 )
-def test_other_attachments_say_nothing(raw):
+def test_other_attachments_are_ignored(raw):
     assert said(raw) == NOTHING
 
 
 @pytest.mark.parametrize("stamp", [-1, -(2**63), 2**31 * 10**9, 2**63 - 1])
-def test_a_stamp_that_no_message_and_no_file_could_hold_is_none(stamp):
+def test_a_stamp_out_of_range_is_rejected(stamp):
     assert said(ros_attachment(1, stamp, GID)) == said(named(stamp=stamp)) == said(attachment(stamp)) == NOTHING
     assert said(attachment(stamp, b"frame")).fits(b"frame")
     assert not said(attachment(stamp, b"frame")).fits(b"other")

@@ -54,5 +54,5 @@ def test_metadata_among_other_fields(tmp_path):
 def test_broken_metadata_is_reported_with_its_path(tmp_path, content):
     path = tmp_path / RECOGNITION
     path.write_bytes(content)
-    with pytest.raises(ConfigurationError, match=f"{RECOGNITION} does not say"):
+    with pytest.raises(ConfigurationError, match=f"{RECOGNITION} does not list the characters"):
         metadata(path)

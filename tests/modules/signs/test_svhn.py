@@ -141,7 +141,7 @@ def test_cropped_digits_are_written_as_they_are_read(tmp_path):
     ("changes", "said"),
     [
         ({"X": np.zeros((32, 32, 3, 3))}, "X is float64"),
-        ({"X": np.zeros((3, 32, 32, 3), np.uint8)}, r"\(3, 32, 32, 3\), allowed: uint8 \(32, 32, 3, count\)"),
+        ({"X": np.zeros((3, 32, 32, 3), np.uint8)}, r"\(3, 32, 32, 3\): expected uint8 \(32, 32, 3, count\)"),
         ({"y": np.array([[1], [2]], np.uint8)}, "3 pictures and 2 labels"),
         ({"y": np.array([[0], [2], [3]], np.uint8)}, "label: invalid value 0: expected"),
         ({"y": None}, "X and y"),

@@ -55,9 +55,9 @@ def test_another_kind_of_camera_is_refused(tmp_path, old, new):
 def test_cameras_that_are_not_side_by_side_are_refused():
     rig = load_rig(RIG)
     for right in (rig.left, replace(rig.right, body_from_camera=rig.left.body_from_camera)):
-        with pytest.raises(CalibrationError, match="right of it"):
+        with pytest.raises(CalibrationError, match="right of cam0"):
             Rectifier(replace(rig, right=right))
-    with pytest.raises(CalibrationError, match="right of it"):
+    with pytest.raises(CalibrationError, match="right of cam0"):
         Rectifier(replace(rig, left=rig.right, right=rig.left))
 
 

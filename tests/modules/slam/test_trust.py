@@ -99,7 +99,7 @@ def test_cameras_disagree_when_few_corners_have_a_depth():
     assert depth_doubt(known=150, corners=800) == "cameras disagree"
 
 
-def test_the_scale_is_as_unsure_as_the_disparities_of_the_landmarks_that_say_how_far():
+def test_scale_uncertainty_follows_the_disparities_of_landmarks():
     assert scale_spread(fix(corrected=-1.0)) == pytest.approx(0.025, rel=0.01)
     assert scale_spread(fix(corrected=-1.0, disparity=10.0)) == pytest.approx(0.05, rel=0.01)
     assert scale_spread(fix()) == pytest.approx(trust.LEAST_OFFSET / 20)

@@ -39,7 +39,7 @@ def test_an_utterance_has_its_time_and_silence_on_both_sides():
     assert 2.6 < utterance.start + len(utterance.samples) / RATE < 3.2
 
 
-def test_an_utterance_knows_how_much_of_it_is_speech():
+def test_an_utterance_reports_its_fraction_of_speech():
     (utterance,) = cut(Gate(), sound(1.0, babble(0.6), 1.0))
     assert utterance.spoken == pytest.approx(0.6, abs=0.2)
 

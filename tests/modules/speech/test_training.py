@@ -92,7 +92,7 @@ def test_no_phrase_is_made_of_commands_alone():
     assert not [*phrases([Spoken("left", "left", "rms", 1, 1)], np.random.default_rng(1), 5)]
 
 
-def test_commands_count_as_much_as_all_else_unless_few_said_them():
+def test_commands_weigh_as_much_as_the_rest_unless_few_speakers_recorded_them():
     labels = np.array([1, 1, 2, 2, 3, 3, 4, 4, 5, 5] + [0] * 30)
     weights = importance(labels)
     assert weights.sum() == pytest.approx(len(labels))

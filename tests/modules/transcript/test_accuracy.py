@@ -48,4 +48,4 @@ def test_a_recording_is_judged_by_the_text_beside_it(recording):
 
 def test_a_recording_without_a_text_is_one_line(recording, capsys):
     assert main([str(recording)]) == 2
-    assert "a.wav: what is said is not known" in capsys.readouterr().err
+    assert "a.wav: the spoken text can't be read" in capsys.readouterr().err

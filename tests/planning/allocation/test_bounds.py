@@ -126,7 +126,7 @@ def test_bounds_outside_those_of_the_task_are_refused(effect: Any, fields: Any, 
 
 
 def test_a_group_has_no_bounds() -> None:
-    with pytest.raises(PolicyError, match="a group has subtasks"):
+    with pytest.raises(PolicyError, match="a task with subtasks has no container"):
         a_policy(
             tasks=[a_parent("all", "slam"), a_task("slam")], contexts=[a_context("x", "true", {"all": {"max": 1}})]
         )

@@ -24,15 +24,15 @@ class TestNeedsThatDecide:
     def test_by_default_a_task_is_kept_and_reported(self):
         story = Story(a_policy(tasks=[a_task("slam", needs={"cores": 2}), a_task("rest")]))
         assert story.shares() == {"slam": 500, "rest": 500}
-        assert [shortfall.message for shortfall in story.last.shortfalls] == ["needs 2 cores, gets 500m"]
+        assert [shortfall.message for shortfall in story.last.shortfalls] == ["needs 2 cores, but gets 500m"]
 
     def test_a_task_that_yields_leaves_its_share_to_the_others(self):
         story = Story(a_policy(tasks=[yielding("slam", 2), a_task("rest")]))
         assert story.shares() == {"slam": 10, "rest": 990}
         slam = story.last.tasks["slam"]
         assert slam.suspended
-        assert slam.because == "yields to the others: it needs 2 cores, gets 500m"
-        assert [s.message for s in story.last.shortfalls] == ["is suspended: it needs 2 cores, gets 500m"]
+        assert slam.because == "yields to the others: it needs 2 cores, but gets 500m"
+        assert [s.message for s in story.last.shortfalls] == ["is suspended: it needs 2 cores, but gets 500m"]
 
     def test_the_lightest_yields_first_and_that_may_be_enough(self):
         got = shares(yielding("heavy", 1, priority=3), yielding("light", 1), a_task("rest", priority=3))

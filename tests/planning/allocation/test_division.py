@@ -66,7 +66,7 @@ def test_a_request_is_a_floor_of_its_own_container_under_limit_control():
 
 
 @pytest.mark.parametrize("spec", [{"control": "Weight"}, {"control": "Suspend"}, {"scheduler": "Realtime"}])
-def test_a_request_is_no_floor_under_other_controls(spec):
+def test_a_request_is_not_a_floor_under_other_controls(spec):
     placement = Placement(
         {"robot": 1000},
         (
@@ -107,7 +107,8 @@ def test_floors_beyond_the_node_are_scaled_down_and_reported():
     policy = a_policy(tasks=[a_task("slam", min="800m"), a_task("speech", min="400m")])
     division = divided(policy, on_node("slam", "speech"))
     assert sum(division.nodes["robot"].shares.values()) == 1000
-    assert [s.message for s in division.shortfalls] == ["the floors sum to 1200m, allowed: 1000m; all are scaled down"]
+    [shortfall] = division.shortfalls
+    assert shortfall.message == "the floors sum to 1200m, but the node has 1000m; all are scaled down"
 
 
 def test_protected_floors_that_just_fit_are_kept():
@@ -128,7 +129,7 @@ def test_protected_floors_that_do_not_fit_are_scaled_down_in_every_division():
         division = divide_nodes(seating, given, {}, dict, division and division.claims)
         assert division.nodes["robot"].shares == {"slam": 500, "speech": 500}
         assert [s.message for s in division.shortfalls] == [
-            "the floors sum to 1200m, allowed: 1000m; all are scaled down, including those of protected tasks"
+            "the floors sum to 1200m, but the node has 1000m; all are scaled down, including those of protected tasks"
         ]
 
 

@@ -21,14 +21,15 @@ def test_met_needs_are_not_reported():
 
 
 def test_too_little_memory_where_the_limit_is_known():
-    assert shortfalls({"memory": "100Mi"}, memory=1 << 20) == ["needs 104857600 bytes of memory, its limit is 1048576"]
+    [reported] = shortfalls({"memory": "100Mi"}, memory=1 << 20)
+    assert reported == "needs 104857600 bytes of memory, but its limit is 1048576"
     assert shortfalls({"memory": "1Mi"}, memory=1 << 20) == []
     assert shortfalls({"memory": "100Mi"}) == []
 
 
 def test_a_deadline_shorter_than_the_throttle_gap():
     assert shortfalls({"deadline": "20ms"}, other="3") == [
-        "needs results within 0.02 s, with 500m it may stall for 0.05 s"
+        "needs results within 0.02 s, but with 500m it may stall for 0.05 s"
     ]
 
 
@@ -80,7 +81,7 @@ class TestRealtime:
     def test_needs_are_cores_too(self):
         assert self.story({"min": 2, "needs": {"cores": 2}}).last.shortfalls == ()
         [shortfall] = self.story({"min": 1, "needs": {"cores": 2}}).last.shortfalls
-        assert shortfall.message == "needs 2 cores, gets 1"
+        assert shortfall.message == "needs 2 cores, but gets 1"
 
     def test_the_budget_counts_processors_not_allocatable_cpu(self):
         placement = replace(on_node("slam", "rest", cores=3.8), processors={"robot": 4})
@@ -92,7 +93,7 @@ class TestRealtime:
     @pytest.mark.parametrize(("period", "gap"), [("1s", "0.5"), ("10ms", None), (None, "0.05")])
     def test_the_period_decides_for_how_long_a_task_may_stand_still(self, period, gap):
         story = self.story({"min": 2, "needs": {"deadline": "20ms"}}, **({"period": period} if period else {}))
-        wanted = f"needs results within 0.02 s, with 2000m it may stall for {gap} s"
+        wanted = f"needs results within 0.02 s, but with 2000m it may stall for {gap} s"
         assert [s.message for s in story.last.shortfalls] == ([wanted] if gap else [])
 
 
@@ -102,5 +103,5 @@ def test_cfs_uses_the_kubelets_period_if_known(found, gap):
         tasks=[a_task("slam", needs={"deadline": "30ms"}), a_task("rest")], enforcement={"period": "400ms"}
     )
     story = Story(policy, replace(on_node("slam", "rest"), quota_periods=found))
-    wanted = f"needs results within 0.03 s, with 500m it may stall for {gap} s"
+    wanted = f"needs results within 0.03 s, but with 500m it may stall for {gap} s"
     assert [s.message for s in story.last.shortfalls] == ([wanted] if gap else [])

@@ -97,7 +97,7 @@ def test_shares_are_the_fair_ones_rounded(case):
 @example(195, [7, 19])
 @example(1573, [7, 15])
 @example(1904, [6, 46, 6, 6])
-def test_fractions_go_to_the_largest_remainders_and_of_equal_ones_to_the_heavier(total, numbers):
+def test_fractions_go_to_the_largest_remainders_and_ties_to_the_heavier(total, numbers):
     made = [Demand(name, float(number), 0, total, 0) for name, number in zip("abcdefghijkl", numbers, strict=False)]
     fair = {c.name: total * Fraction(c.weight) / sum(numbers) for c in made}
     parts = {name: int(part) for name, part in fair.items()}

@@ -65,7 +65,7 @@ def test_an_empty_window_has_only_count_and_rate(op, when):
     assert story.contexts_over_time() == [(0, ()), (2, ("on",))]
 
 
-def test_an_empty_window_is_waited_for_and_is_no_error():
+def test_an_empty_window_makes_the_condition_wait_without_an_error():
     story = watching(
         a_stream("imu", features=[{"name": "f", "op": "max", "of": "imu.speed", "over": "1s"}]), "imu.f > 0"
     )

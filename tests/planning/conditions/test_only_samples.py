@@ -73,7 +73,7 @@ def test_a_sliding_window_changes_conditions_without_hold():
     assert story.contexts_over_time() == [(0, ()), (1, ("busy",)), (35, ())]
 
 
-def test_the_end_of_a_hold_is_no_end_of_its_condition():
+def test_the_end_of_a_hold_does_not_end_its_condition():
     story = press(a_policy(streams=[COUNTED], tasks=[a_task("slam", activity=[WHILE_COUNTED])]), 1, until=20)
     assert story.last.cause == "btn: the hold of btn.presses >= 1 is over"
     until = WHILE_COUNTED | {"until": "btn.presses >= 2"}

@@ -164,8 +164,8 @@ def test_an_edit_keeps_the_sources():
         ({"sources": 17}, "an integer from 1 to 16"),
         ({"sources": 2.5}, "an integer from 1 to 16"),
         ({"sources": True}, "an integer from 1 to 16"),
-        ({"debounce": "1s"}, "sources without debounce"),
-        ({"sampleEvery": "1s"}, "sources without sampleEvery"),
+        ({"debounce": "1s"}, "no debounce with sources"),
+        ({"sampleEvery": "1s"}, "no sampleEvery with sources"),
         ({"features": [{"name": "sources", "op": "count", "over": "1s"}]}, "another name"),
     ],
 )

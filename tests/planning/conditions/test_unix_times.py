@@ -46,7 +46,7 @@ def test_a_period_equal_to_hold_does_not_flap(period):
 
 
 @pytest.mark.parametrize("period", PERIODS)
-def test_a_period_equal_to_stale_after_is_no_silence(period):
+def test_a_period_equal_to_stale_after_is_not_silence(period):
     streams = [a_stream("mic", staleAfter=f"{period}s")]
     contexts = [a_context("on", "mic.level > 0.1"), a_context("blind")]
     policy = a_policy(streams=streams, tasks=[a_task("speech")], contexts=contexts, fallback="blind")

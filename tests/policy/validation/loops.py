@@ -24,7 +24,7 @@ def a_context(name="quiet", when="mic.level < 0.1", *, suspends="speech", **fiel
 
 
 QUIET = a_context()
-NO_LOOP = ("nothing reads", "counts for ever", "said last")
+NO_LOOP = ("nothing reads", "counts for ever", "on its last sample")
 """What is reported for policies as short as these."""
 
 
@@ -46,6 +46,6 @@ def advised(streams=(MIC, IMU), tasks=TASKS, contexts=(QUIET,), **spec):
 
 
 LATCHED = "nothing else ends it, so once begun it holds for ever"
-COMES_AND_GOES = "its silence ends the context, the task goes on, and all begins again"
+COMES_AND_GOES = "its silence ends the context, the task resumes, and the cycle repeats"
 STALE = {**MIC, "staleAfter": "1s"}
 COUNTED = {**MIC, "features": [{"name": "often", "op": "count", "over": "5s"}]}

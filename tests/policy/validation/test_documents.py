@@ -41,7 +41,7 @@ def test_documents_of_one_stream_keep_their_lines() -> None:
     assert [d.position("").line for d in read("a: 1\n---\n---\nb: 2\n")] == [1, 3, 4]
 
 
-def test_a_key_that_stands_twice_is_noted() -> None:
+def test_a_duplicate_key_is_noted() -> None:
     (document,) = read("a: {b: 1, b: 2}")
     assert document.duplicates == ("a.b",)
 

@@ -46,7 +46,7 @@ def test_thresholds(when, until, expected):
 def test_a_last_value_that_lets_a_task_run_on():
     tasks = [a_task("speech"), a_task("slam", requires=[{"when": "mic['level'] > 0.1"}])]
     reported = advised(tasks=tasks, contexts=[a_context(when="imu.x > 1")])
-    assert [one for one in reported if "runs on by what that said last" in one]
+    assert [one for one in reported if "keeps running on its last sample" in one]
 
 
 def test_sources_by_name():

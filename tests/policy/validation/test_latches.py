@@ -18,7 +18,7 @@ from tests.policy.validation.loops import (
 )
 
 
-def test_a_context_that_suspends_what_it_waits_for_holds_for_ever():
+def test_a_context_that_suspends_what_it_waits_for_holds_forever():
     assert warned() == [f"context quiet suspends speech, which produces mic: {LATCHED}"]
 
 
@@ -336,7 +336,7 @@ def test_a_task_that_sleeps_from_the_start_begins_the_fallback():
     asleep = a_task("speech", idle=0, activity=[{"stream": "imu"}])
     safe = {"name": "safe", "tasks": {"slam": {"weight": 1}}}
     (reported,) = warned(streams=[STALE, IMU], tasks=[asleep, a_task("slam")], contexts=[safe], fallback="safe")
-    assert reported.endswith("its stream mic is silent, which begins the fallback safe, from the start on")
+    assert reported.endswith("its stream mic is silent, which begins the fallback safe, from the start")
 
 
 def test_idle_zero_without_activity_is_reported():
@@ -354,7 +354,7 @@ def test_an_of_field_on_a_counting_feature_is_reported(op):
     features = [{"name": "often", "op": op, "over": "1s", "of": "mic.level"}]
     when = a_context(when="mic.often > 1.0", suspends="")
     (reported,) = warned(streams=[{**MIC, "features": features}, IMU], contexts=[when])
-    assert reported.startswith(f"of does not change {op}")
+    assert reported.startswith(f"of has no effect on {op}")
 
 
 @pytest.mark.parametrize("field", [{"realtimePolicy": "FIFO"}, {"realtimeFallback": "None"}])

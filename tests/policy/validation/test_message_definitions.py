@@ -53,13 +53,13 @@ def test_a_config_map_in_the_files_defines_them(validate, text):
     code, reported = validate(text.replace("bool glad", "bool"))
     assert code == 1
     assert "spec.streams[0].types: invalid value 'robot-types': expected valid message definitions; " in reported
-    assert "my_msgs.msg.Mood.msg: can't be read from line 1 on" in reported
+    assert "my_msgs.msg.Mood.msg: has a syntax error in line 1" in reported
 
 
 def test_a_config_map_of_another_namespace_is_ignored(validate):
     code, reported = validate(f"{POLICY}---{CONFIG_MAP.replace('lab', 'attic')}")
     assert code == 0
-    assert "ConfigMap robot-types is in none of the files, its messages are unchecked" in reported
+    assert "ConfigMap robot-types is in none of the files, so its messages are not checked" in reported
 
 
 def test_a_folder_provides_missing_definitions(validate, folder):

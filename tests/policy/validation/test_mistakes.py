@@ -62,7 +62,7 @@ def test_wildcards_and_plans_of_the_own_namespace_are_accepted(key):
 
 
 RMW = "0/imu/data/sensor_msgs::msg::dds_::Imu_"
-HEARS_DECISIONS = "leaves out what the operator says to other namespaces"
+HEARS_DECISIONS = "excludes what the operator publishes for other namespaces"
 REFUSED = [
     pytest.param([(("spec", "streams", 1, "key"), "**")], HEARS_DECISIONS, id="everything"),
     pytest.param([(("spec", "streams", 1, "key"), "*/*/*/plan")], HEARS_DECISIONS, id="all plans"),
@@ -91,10 +91,14 @@ REFUSED = [
     pytest.param([(WHEN, "mic.list.contains(1)")], "for a list, write x in list", id="contains of maybe a list"),
     pytest.param([(WHEN, 'mic.word.matches("(")')], '"(" is not a valid regular expression', id="no pattern"),
     pytest.param([((*TASK, "activity", 0, "scoreFrom"), "mic.level > 1")], "a number; this is true or", id="score"),
-    pytest.param([(("spec", "tasks", 2, "min"), "100m")], "a group has subtasks", id="min of a group"),
-    pytest.param([(("spec", "tasks", 2, "max"), 1)], "a group has subtasks", id="max of a group"),
-    pytest.param([(("spec", "tasks", 2, "needs"), {"cores": 1})], "a group has subtasks", id="needs of a group"),
-    pytest.param([(("spec", "tasks", 2, "container"), "x")], "a group has subtasks", id="container of a group"),
+    pytest.param([(("spec", "tasks", 2, "min"), "100m")], "a task with subtasks has no container", id="min of a group"),
+    pytest.param([(("spec", "tasks", 2, "max"), 1)], "a task with subtasks has no container", id="max of a group"),
+    pytest.param(
+        [(("spec", "tasks", 2, "needs"), {"cores": 1})], "a task with subtasks has no container", id="needs of a group"
+    ),
+    pytest.param(
+        [(("spec", "tasks", 2, "container"), "x")], "a task with subtasks has no container", id="container of a group"
+    ),
     pytest.param([((*STREAM, "debounce"), "1s")], "a debounce below staleAfter, 1 s", id="debounce"),
     pytest.param([((*TASK, "min"), "11m"), ((*TASK, "max"), "19m")], "a multiple of 10m between", id="bounds"),
     pytest.param([((*TASK, "selector", "matchLabels"), {"a b": "x"})], "a label key: letters", id="label key"),
@@ -105,9 +109,9 @@ REFUSED = [
     pytest.param([((*TASK, "activity", 0, "stream"), "mick")], "did you mean mic?", id="misspelt stream name"),
     pytest.param([((*TASK, "min"), 0.5)], '"0.5"', id="a fraction without quotes"),
     pytest.param([((*TASK, "name"), "x" * 64)], "at most 63 lower-case letters", id="a long name"),
-    pytest.param([(WHEN, "mic.level > 1 and mic.ok")], "in CEL and is written &&", id="and"),
+    pytest.param([(WHEN, "mic.level > 1 and mic.ok")], "in CEL, write && for and", id="and"),
     pytest.param([(WHEN, "mic.level > 99999999999999999999")], "write 99999999999999999999.0", id="a large number"),
-    pytest.param([(WHEN, "mic.level = 1")], "in CEL equality is written ==", id="one equals sign"),
+    pytest.param([(WHEN, "mic.level = 1")], "in CEL, write == for equality", id="one equals sign"),
     pytest.param([(WHEN, "mic.level >")], "a CEL expression; it ends too early", id="half an expression"),
 ]
 

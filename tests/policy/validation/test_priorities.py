@@ -92,7 +92,7 @@ def test_its_silence_begins_the_fallback():
     policy = a_robot({}, lost, a_turn({"weight": 2}), streams=streams, fallback="lost")
     ((field, message),) = reported(policy)
     assert field == "spec.tasks[0].priority"
-    assert message.endswith("begins the fallback lost, from the start on")
+    assert message.endswith("begins the fallback lost, from the start")
 
 
 def test_the_parts_of_a_group_of_priority_0_are_at_rest_with_it():

@@ -29,7 +29,7 @@ NOT_LEFT = "no source of lift is 'lift/left': a source is what the wildcards of 
         "lift.sources.exists(l, l.parts.all(p, p.up && l.source == 'lift/left'))",
     ],
 )
-def test_a_whole_key_is_no_source(when):
+def test_a_whole_key_is_not_a_source(when):
     assert reported(when) == [NOT_LEFT]
 
 

@@ -70,7 +70,7 @@ def test_a_limit_that_moves_is_read_again(root):
 
 
 @pytest.mark.parametrize(("fixture", "text"), [("v1", "-1\n"), ("v2", "max 100000\n")])
-def test_no_quota_is_no_limit(fixture, text, request):
+def test_no_quota_means_no_limit(fixture, text, request):
     root = request.getfixturevalue(fixture)
     quota_file(root).write_text(text)
     cgroup = find(ID, root)

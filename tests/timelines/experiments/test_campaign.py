@@ -161,7 +161,7 @@ def test_a_run_that_is_kept_is_not_repeated_where_its_recording_is_gone(tmp_path
     again = Bench(tmp_path)
     left, said = run(again)
     assert left == 0
-    assert said == [f"nothing is left to run: delete {tmp_path / 'raw'} and {tmp_path / 'data'} to begin again"]
+    assert said == [f"all runs are done: delete {tmp_path / 'raw'} and {tmp_path / 'data'} to start over"]
     assert again.done == []
     assert {path: path.read_bytes() for path in before} == before
 
@@ -244,7 +244,7 @@ def test_an_unknown_story_or_configuration_is_refused(capsys):
         with pytest.raises(SystemExit):
             command.main(arguments)
     refused = capsys.readouterr().err
-    assert "'magic' is none of delivery, inspection" in refused
+    assert "'magic': expected one of delivery, inspection" in refused
     assert "linux-gated" in refused
 
 

@@ -85,9 +85,9 @@ def test_a_stop_counts_once_from_the_end_of_the_word(run):
     assert latency == pytest.approx(4000, abs=1)  # 2.1 s after the begin, the word ended at 1.7 s
 
 
-def test_a_run_whose_player_left_something_out_is_none(run):
+def test_a_run_whose_player_skipped_inputs_is_rejected(run):
     run.published[STEREO].pop()
-    with pytest.raises(DeployError, match="3 inputs on robot/camera/stereo, 4 were due"):
+    with pytest.raises(DeployError, match="3 inputs on robot/camera/stereo: expected 4"):
         record(TRIAL, run, SCHEDULE, {})
 
 

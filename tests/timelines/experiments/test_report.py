@@ -33,7 +33,7 @@ def test_a_goal_that_ten_blocks_agree_on_is_met(text):
     assert row.rstrip().endswith("| met |")
 
 
-def test_it_says_which_divisions_reach_it_too(text):
+def test_report_lists_other_divisions_that_reach_the_goal(text):
     assert "less 2 points (gated): context weights, gated.\n" in text
 
 

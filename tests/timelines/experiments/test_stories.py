@@ -40,7 +40,7 @@ def test_every_scenario_is_a_story_and_the_papers_are_its_own():
 
 
 @pytest.mark.parametrize("story", OWN, ids=lambda story: story.name)
-def test_stories_are_as_long_as_they_say_and_have_full_sensor_rates(story):
+def test_stories_have_their_stated_length_and_full_sensor_rates(story):
     found = scenario(story)
     assert (found.name, found.duration) == (story.name, story.seconds)
     assert (found.camera_rate, found.side_rate) == (20, 3)

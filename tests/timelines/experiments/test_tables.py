@@ -87,7 +87,7 @@ def test_what_was_not_run_has_a_row_and_a_reason():
     assert tables.absences(SOME) == ""
 
 
-def test_it_says_how_many_runs_of_each_task_alone_serve_all_blocks():
+def test_report_counts_the_solo_runs_that_all_blocks_share():
     assert "alone by story and load: 1. They serve all blocks" in tables.alone(SOME)
     assert tables.alone(evidence(a_run("linux"))) == ""
 

@@ -116,5 +116,5 @@ def test_a_block_survives_its_file():
 def test_another_file_is_refused():
     with pytest.raises(RecordError, match="format"):
         records(packed({"format": 0}))
-    with pytest.raises(RecordError, match="no packed"):
+    with pytest.raises(RecordError, match="not valid packed"):
         records(b"nothing")

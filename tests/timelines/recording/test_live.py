@@ -35,7 +35,7 @@ def viewed():
             assert running.wait(PATIENCE) == 0
 
 
-def test_a_viewer_hears_of_topics_as_they_come(viewed):
+def test_a_viewer_receives_topics_as_they_appear(viewed):
     sensor, viewer = viewed
     heard = b""
 

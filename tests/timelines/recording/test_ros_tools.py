@@ -169,7 +169,7 @@ def test_a_folders_metadata_is_what_rosbag2_expects(tmp_path):
 
 
 def test_a_folder_that_exists_is_not_written_into(tmp_path):
-    with pytest.raises(RecordingError, match="exists already"):
+    with pytest.raises(RecordingError, match="already exists"):
         BagWriter(tmp_path, RosTopics())
 
 

@@ -101,7 +101,7 @@ def test_the_robot_is_driven_while_it_moves_and_stopped_afterwards():
     assert (stop.start, stop.value) == (6, {"stop": True})
 
 
-def test_a_mission_is_repeated_and_nobody_orders_the_wheels():
+def test_a_mission_is_repeated_and_wheels_are_not_ordered():
     talks = {"name": "talks", "for": 2, "does": "talk"}
     drives = {"name": "drives", "for": 3, "moves": True, "does": "drive"}
     document = timeline(parse({"name": "short", "description": "a mission", "phases": [talks, drives]}))

@@ -1,8 +1,8 @@
-"""Containers that another client resizes too: what it changed, and when to revert it. Pure.
+"""Containers that another client also resizes: what it changed, and when to revert it. Pure.
 
-The last good plan stays in force, so the first foreign change is reverted at once. A writer who insists is answered
-after growing pauses, so that two controllers that correct each other never spin. After STRIKES of them we yield: the
-change stays in place, and is reverted once in a while to see whether the writer still insists.
+The last good plan stays in force, so the first foreign change is reverted at once. Further ones are reverted after
+growing pauses, so that two controllers that correct each other never spin. After STRIKES of them the operator yields:
+the change stays in place, and is reverted once in a while to see whether the writer persists.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Limits that another writer insists on, and that we leave in place. Agents must leave them in place as well."""
+"""Limits that another writer keeps setting, and that the operator and its agents leave in place."""
 
 from __future__ import annotations
 

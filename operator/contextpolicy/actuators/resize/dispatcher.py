@@ -44,7 +44,7 @@ class Observer(Protocol):
 
 
 class PatchListener(Protocol):
-    """What goes on when a patch has ended; called on the loop's thread."""
+    """Continues when a patch has ended; called on the loop's thread."""
 
     def on_patch_end(self, pod: TrackedPod) -> None:
         """The answer about the pod's patch has come, and the pod's state reflects it."""

@@ -105,8 +105,8 @@ def restore(
 ) -> Iterator[Restored | LeftAlone | Unread]:
     """Restore every container whose original is in a policy's status, those that free the most CPU first.
 
-    What the operator has not signed is not believed, and what somebody has removed is missed, as after its restart; a
-    container of which nobody knows what it had is an error.
+    As after an operator's restart, entries that it did not sign are not trusted, and removed entries are detected; a
+    container without a known original is an error.
 
     Pods that have ended or are being deleted are left alone, as the operator does, and so are namespaces that another
     operator serves: it would resize the containers again, and what they had before would be lost.
@@ -156,7 +156,7 @@ def _vetting(api: RestoreApi, signatures: EntrySignatures, pods: Iterable[PodVie
 def _vetted(
     api: RestoreApi, namespace: str | None, vetting: Vetting, free: Collection[str]
 ) -> Iterator[tuple[Mapping[str, Any], Vetted]]:
-    """Each policy in the `free` namespaces with its originals, also those that somebody has removed from its status.
+    """Each policy in the `free` namespaces with its originals, including those that were removed from its status.
 
     Only a policy with our finalizer can lack any: the finalizer goes once all its containers are restored. The list is
     read twice, as together the policies may be too large to be kept.
@@ -193,7 +193,7 @@ def _finalizers(body: Mapping[str, Any]) -> Sequence[str]:
 
 
 def policies_of(api: RestoreApi, namespace: str | None) -> Iterator[dict[str, Any]]:
-    """None if their definition is gone: what they had stored went with it."""
+    """None if the custom resource definition is gone, and with it everything that the policies stored."""
     try:
         yield from api.policies(namespace)
     except ActuationError as error:

@@ -72,11 +72,11 @@ class Originals:
                 self._inherited.setdefault(policy, set()).add(uid)
 
     def unproven(self, policy: str) -> Mapping[str, str]:
-        """UIDs of the pods whose entry in the policy's status nobody can prove, with the reason for people."""
+        """UIDs of the pods whose entry in the policy's status can't be proven, with a message for users."""
         return self._unproven.get(policy, {})
 
     def doubt(self, uid: str) -> str | None:
-        """Why the pod must be left alone: some status has an entry for it that nobody can prove."""
+        """Why the pod must be left alone: some status has an entry for it that can't be proven."""
         return next((pods[uid] for pods in self._unproven.values() if uid in pods), None)
 
     def inspect(self, policy: str, raw: Mapping[str, Any], version: int) -> bool:

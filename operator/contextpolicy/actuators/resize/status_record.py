@@ -33,7 +33,7 @@ class _Retry:
 
 
 class RecordListener(Protocol):
-    """What goes on when a status was written; called on the loop's thread."""
+    """Continues when a status was written; called on the loop's thread."""
 
     def on_record_end(self, policy: str) -> None:
         """A write to the policy's status has ended, well or not."""

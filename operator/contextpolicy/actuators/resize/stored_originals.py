@@ -42,7 +42,7 @@ class StoredPod(NamedTuple):
 class StoredOriginals:
     """`raw` is what a status holds in an object of this `version`; `pods` is what of it, or instead of it, is true.
 
-    `unproven` are the pods, by UID, of whose entries nobody can say whether they are true, with the reason for people.
+    `unproven` are the pods, by UID, whose entries can neither be proven nor disproven, with the reason for people.
     """
 
     raw: Mapping[str, Any] = field(default_factory=dict)

@@ -39,5 +39,5 @@ def aside(qos: str, wanted: Cpu) -> Cpu:
 
 
 def has_taken(pod: PodView, container: ContainerView) -> bool:
-    """Whether the kubelet has acted on the container's newest resources, or says that it won't for now."""
+    """Whether the kubelet has acted on the container's newest resources, or reports that it can't for now."""
     return pod.seen and (bool(pod.pending) or (container.granted and not pod.resizing))

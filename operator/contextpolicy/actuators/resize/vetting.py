@@ -1,4 +1,4 @@
-"""After a restart: which of the originals in a status can be believed, and what is true where they can't.
+"""After a restart: which originals in a status can be trusted, and what to use in place of the others.
 
 While the operator runs it knows them and rewrites what others change. Who changes or empties a status while no operator
 runs can't sign: then the pod's owner is asked. The API server records in each pod who wrote its CPU, which shows what
@@ -33,12 +33,12 @@ WAY_OUT_OF_SIGNED = f"let the release that signed it serve the namespace, or {WA
 
 
 class VettingApi(paging.PageReader, OwnerApi, Protocol):
-    """What it needs of the API server."""
+    """The calls to the API server that vetting needs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A container whose original in the status can't be believed, with the reason for people.
+    """A container whose original in the status can't be trusted, with a message for users.
 
     `settled` says whether its owner's template says what it had; if not, the container keeps what it has. Where the
     status has an entry then, that stays as it is: it may be true, and signed by another release.
@@ -139,7 +139,7 @@ class Vetting:
     def _unproven(
         self, pods: list[PodView], raw: Mapping[str, Any], true: Mapping[str, StoredPod]
     ) -> Iterator[tuple[PodView, str]]:
-        """The resized containers of pods about which the status says something that we did not sign."""
+        """The resized containers of pods with an entry in the status that this operator did not sign."""
         for pod in pods:
             if pod.uid in raw and pod.uid not in true:
                 yield from ((pod, container.name) for container in pod.containers if _resized(container))
@@ -151,7 +151,7 @@ class Vetting:
         true: Mapping[str, StoredPod],
         held: Collection[tuple[str, str]] | None,
     ) -> list[tuple[PodView, str]]:
-        """The resized containers among those selected about which no policy's status says anything."""
+        """The resized containers among those selected that have no entry in any policy's status."""
         lost = [
             (pod, container.name)
             for pod, container in selected
@@ -189,12 +189,12 @@ def _resized(container: ContainerView) -> bool:
 
 
 def _differs(container: ContainerView, template: Cpu | None) -> bool:
-    """Whether the container's CPU differs from what its template says."""
+    """Whether the container's CPU differs from that of its template."""
     return template is not None and _found(container, template) != container.spec
 
 
 def _found(container: ContainerView, template: Cpu | None) -> Cpu:
-    """What the container had: what we did not write is as it was, the rest is what its template says, if anything."""
+    """The container's original: what we did not write is unchanged, the rest comes from its template, if any."""
     spec, by = container.spec, container.writers
     request = template.request if template and by.request == FIELD_MANAGER else None
     limit = template.limit if template and by.limit == FIELD_MANAGER else None
@@ -203,11 +203,11 @@ def _found(container: ContainerView, template: Cpu | None) -> Cpu:
 
 def _text(pod: PodView, container: ContainerView, entry: StoredPod | None, found: Cpu, *, settled: bool) -> str:
     said = entry.containers.get(container.name) if entry else None
-    stored = f"says {_amounts(said)}, {_signed_by(entry)}" if said else "no longer has an entry"
+    stored = f"has {_amounts(said)}, {_signed_by(entry)}" if said else "no longer has an entry"
     if settled and pod.owner is not None:
-        rest = f"{pod.owner.kind} {pod.owner.name} says {_amounts(found)}, which counts"
+        rest = f"using {_amounts(found)} from {pod.owner.kind} {pod.owner.name}"
     else:
-        rest = f"no owner of the pod states its original, so it keeps {_amounts(found)}"
+        rest = f"no owner of the pod states its original CPU, so it keeps {_amounts(found)}"
         if entry:
             rest += f", and the entry stays; {WAY_OUT_OF_SIGNED if entry.signature else WAY_OUT}"
     return f"{container_id(pod, container.name)}: status.originals {stored}; {rest}"

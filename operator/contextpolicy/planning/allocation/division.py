@@ -121,4 +121,4 @@ def _floor_shortfalls(own: Terms) -> list[Shortfall]:
         return []
     total = sum(claim.floor for claim in own.claims) * own.quantum
     scaled = "all are scaled down, including those of protected tasks" if own.unprotected else "all are scaled down"
-    return [Shortfall("", f"the floors sum to {total}m, allowed: {own.capacity}m; {scaled}")]
+    return [Shortfall("", f"the floors sum to {total}m, but the node has {own.capacity}m; {scaled}")]

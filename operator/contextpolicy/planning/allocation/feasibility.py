@@ -43,10 +43,10 @@ def shortfalls(
 def _unmet(task: Task, share: int, container: Container, node: SeatedNode) -> Iterator[Shortfall]:
     needs, gap = task.needs, node.throttle_gap(share)
     if needs.cores is not None and share < needs.cores:
-        yield Shortfall(task.name, f"needs {format_cpu(needs.cores)} cores, gets {format_cpu(share)}")
+        yield Shortfall(task.name, f"needs {format_cpu(needs.cores)} cores, but gets {format_cpu(share)}")
     if needs.memory is not None and container.memory is not None and container.memory < needs.memory:
-        yield Shortfall(task.name, f"needs {needs.memory} bytes of memory, its limit is {container.memory}")
+        yield Shortfall(task.name, f"needs {needs.memory} bytes of memory, but its limit is {container.memory}")
     if needs.deadline is not None and gap > needs.deadline:
         yield Shortfall(
-            task.name, f"needs results within {needs.deadline:g} s, with {share}m it may stall for {gap:.3g} s"
+            task.name, f"needs results within {needs.deadline:g} s, but with {share}m it may stall for {gap:.3g} s"
         )

@@ -15,7 +15,7 @@ from it: an emergency button may be silent for months."""
 
 
 class AbsenceListener(Protocol):
-    """The stream that is watched."""
+    """Receives news of the watched stream."""
 
     seen_at: float | None
     """When its last sample came."""

@@ -27,7 +27,7 @@ MAX_NUMERALS = 16
 
 
 class ExpressionListener(Protocol):
-    """Hears which expressions fail and recover, and who is to evaluate again as time has passed."""
+    """Receives failures and recoveries of expressions, and readers that must evaluate again as time has passed."""
 
     def on_expression_error(self, source: str, reason: str) -> None:
         """The expression failed on this sample."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class GateListener(Protocol):
-    """What the samples that count go to."""
+    """Receives the samples that count."""
 
     def deliver(self, value: dict[str, Any], now: float) -> None:
         """A sample passed."""

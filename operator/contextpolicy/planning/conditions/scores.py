@@ -68,7 +68,7 @@ class Scores:
             return f"{initiative.source}: the hold of {initiative.line} is over"
         cause = f"{initiative.source}: {initiative.line} is {initiative.value:g}"
         outweighed = initiative in self.initiatives[task] and 0 < initiative.value < self.of[task]
-        return f"{cause}, below the {self.of[task]:g} that {task} scores anyway" if outweighed else cause
+        return f"{cause}, but {task} already scores {self.of[task]:g}" if outweighed else cause
 
     def _update(self, task: str) -> None:
         self.of[task] = max([self._idle[task], *(activity.value for activity in self.initiatives[task])])

@@ -40,7 +40,7 @@ class Sources:
         return SourceClock(self._stream.clock, self._stream.stale_after) if kept is None else kept.clock
 
     def hear(self, name: str, now: float) -> None:
-        """The source sent a sample in time, whether it counts or not."""
+        """The source sent a sample in time, used or not."""
         if name in self._kept:
             self._kept[name].heard_at = now
 
@@ -76,7 +76,7 @@ class Sources:
         return min([source.heard_at for source in self._kept.values()]) + stale_after
 
     def leave(self, now: float, *, speaking: str | None = None) -> bool:
-        """Let go of those that are silent for too long, except the one `speaking`; returns whether there were any."""
+        """Drop those that have been silent for too long, except the one `speaking`; returns whether there were any."""
         stale_after = self._stream.stale_after
         if stale_after is None:
             return False

@@ -153,7 +153,7 @@ class StreamState:
             self._listener.on_slide(self)
 
     def let_leave(self, now: float) -> None:
-        """A source may be silent for `staleAfter`: it is none of the sources any more."""
+        """A source may have been silent for `staleAfter`: drop it from the sources."""
         if self._sources and self.value is not None and self.fresh:
             self._make_room(None, now)
             self._wait_for_sources(self._sources)

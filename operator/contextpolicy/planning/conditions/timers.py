@@ -84,6 +84,6 @@ class Timers:
             self._tidy()
 
     def _tidy(self) -> None:
-        """Drop what an earlier deadline has replaced: it would stay until it is due, be that in an hour."""
+        """Drop replaced deadlines, which would otherwise stay until they are due, even in an hour."""
         self._heap[:] = [(at, self._numbers[owner], owner) for owner, at in self._queued.items()]
         heapq.heapify(self._heap)

@@ -1,4 +1,4 @@
-"""Warnings: what is allowed but cannot be what its author wants. Each is certain, not a matter of taste."""
+"""Warnings: what is allowed but can't be intended. Each is certain, not a matter of taste."""
 
 from __future__ import annotations
 
@@ -80,25 +80,27 @@ def _streams(policy: Policy) -> Iterator[Finding]:
         if stream.name not in read and not plugged_in and not watched:
             yield Finding(f"spec.streams[{index}]", stream.name, f"nothing reads stream {stream.name}")
         if stream.types and stream.definitions is None:
-            message = f"ConfigMap {stream.types} is in none of the files, its messages are unchecked (--types DIR)"
+            message = f"ConfigMap {stream.types} is in none of the files, so its messages are not checked (--types DIR)"
             yield Finding(f"spec.streams[{index}].types", stream.types, message)
         yield from _wildcard(f"spec.streams[{index}].key", stream.key)
         yield from _wildcard(f"spec.streams[{index}].liveliness", stream.liveliness or "")
         for number, feature in enumerate(stream.features):
             if feature.of is not None and feature.op in (FeatureOp.RATE, FeatureOp.COUNT):
-                message = f"of does not change {feature.op}, which counts samples: the stream's filter says which ones"
+                message = f"of has no effect on {feature.op}, which counts the samples that pass the stream's filter"
                 yield Finding(f"spec.streams[{index}].features[{number}].of", feature.of, message)
             pattern = re.compile(rf"\b{stream.name}(\.{feature.name}\b|\[['\"]{feature.name}['\"]\])")
             if not plugged_in and not any(pattern.search(source) for source in sources):
                 field = f"spec.streams[{index}].features[{number}]"
                 yield Finding(
-                    field, feature.name, f"nothing reads {stream.name}.{feature.name}; it costs with every sample"
+                    field,
+                    feature.name,
+                    f"nothing reads {stream.name}.{feature.name}, which costs time with every sample",
                 )
 
 
 def _wildcard(field: str, key: str) -> Iterator[Finding]:
     if MQTT_WILDCARD in key.split("/"):
-        message = f"{MQTT_WILDCARD} is MQTT's wildcard for one level: Zenoh's is *, and + is a name like any other"
+        message = f"{MQTT_WILDCARD} is MQTT's wildcard for one level; Zenoh's is *, and + is an ordinary name"
         yield Finding(field, key, message)
 
 

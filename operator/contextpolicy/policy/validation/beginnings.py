@@ -51,7 +51,7 @@ def condition_of(own: Requirement) -> Activity:
 
 
 def events(activity: Activity, policy: Policy) -> frozenset[str]:
-    """The streams that move an activity, be it through contexts."""
+    """The streams that change an activity, directly or through contexts."""
     own = {activity.stream} if activity.stream else frozenset[str]()
     return streams_behind(policy, *_sources(activity)) | own
 

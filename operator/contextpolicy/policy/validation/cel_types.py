@@ -109,7 +109,7 @@ class _Checker:
         return ANY
 
     def meant(self, node: Node) -> str:
-        """How to read a plain value, for somebody who takes its stream for it; else empty."""
+        """How to read a plain value, where its stream was used in its place; else empty."""
         if node.kind is not Construct.NAME or node.text not in self._streams:
             return ""
         return f"; a sample that is a plain value, such as 5, is read as {node.text}.value"

@@ -120,7 +120,7 @@ def _unique(_: Any, kind: str, items: Any, node: Mapping[str, Any]) -> Iterator[
     names = [_key(item, keys) for item in items]
     for index, name in enumerate(names):
         if name in names[:index]:
-            yield ValidationError("stands twice", instance=name)
+            yield ValidationError("appears twice", instance=name)
 
 
 def _key(item: Any, keys: Iterable[str] | None) -> Any:

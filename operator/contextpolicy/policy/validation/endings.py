@@ -75,7 +75,7 @@ class Endings:
         return turned is None or True in turned
 
     def _keeps(self, until: str) -> Callable[[str], bool]:
-        """Whether what began by a condition never ends, whatever the silent streams said as it began."""
+        """Whether what began by a condition never ends, whatever the last samples of the silent streams."""
 
         def keeps(when: str) -> bool:
             conditions = Conditions(when, until, self._silence.given)

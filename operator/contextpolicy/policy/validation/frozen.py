@@ -58,8 +58,8 @@ class _Frozen:
         for name, still in self._stopping.items() if read else ():
             frozen = read & still.silence.kept
             if frozen and task.name not in still.tasks:
-                message = f"context {name} {still.silenced(frozen)}: without staleAfter {task.name} runs on by what "
-                message += "that said last (hold, or another requires with the task, would end it too)"
+                message = f"context {name} {still.silenced(frozen)}: without staleAfter {task.name} keeps running on "
+                message += "its last sample (hold, or another requires with the task, would end that too)"
                 yield Finding(field, own.when, message)
                 return
 

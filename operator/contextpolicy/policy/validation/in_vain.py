@@ -1,4 +1,4 @@
-"""Warnings about what a context gives in vain: to tasks that can't run or score, or that nothing suspends."""
+"""Warnings about effects of a context that change nothing: on tasks that can't run or score, or are not suspended."""
 
 from __future__ import annotations
 

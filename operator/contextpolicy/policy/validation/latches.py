@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def latches(policy: Policy) -> Iterator[Finding]:
-    """Each context that only a stream ends whose producer it stops, be it together with others."""
+    """Each context that only a stream ends whose producer it stops, alone or together with others."""
     yield from _Latches(without_health(policy)).findings()
 
 
@@ -53,7 +53,7 @@ class _Latches:
             return  # none of them was ever heard
         message = f"{_named(context, still)} {still.silenced(behind)}: "
         if end is End.BY_SILENCE:
-            yield message + "its silence ends the context, the task goes on, and all begins again"
+            yield message + "its silence ends the context, the task resumes, and the cycle repeats"
         else:
             once = "begun" if begun == context.when else begun
             yield message + f"nothing else ends it, so once {once} it holds for ever"

@@ -36,18 +36,18 @@ def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
 
 
 def _decisions(policy: Policy) -> Iterator[Finding]:
-    """Streams that hear what the operator decides for other namespaces, as one with the key `**` does."""
+    """Streams that receive what the operator decides for other namespaces, as one with the key `**` does."""
     own = f"contextpolicy/{policy.namespace}/"
     for index, stream in enumerate(policy.streams):
         if not stream.key.startswith(own) and any(meet(stream.key, f"contextpolicy/*/*/{what}") for what in DECISIONS):
-            allowed = "a key that leaves out what the operator says to other namespaces (contextpolicy/**)"
+            allowed = "a key that excludes what the operator publishes for other namespaces (contextpolicy/**)"
             yield Finding(f"spec.streams[{index}].key", stream.key, allowed)
 
 
 def _debounce(policy: Policy) -> Iterator[Finding]:
     for index, stream in enumerate(policy.streams):
         if stream.stale_after is not None and stream.debounce >= stream.stale_after > 0:
-            allowed = f"a debounce below staleAfter, {stream.stale_after:g} s: else it is silent before a sample passes"
+            allowed = f"a debounce below staleAfter, {stream.stale_after:g} s, or it is silent before a sample passes"
             yield Finding(f"spec.streams[{index}]", stream.name, allowed)
 
 
@@ -57,5 +57,5 @@ def _steps(policy: Policy) -> Iterator[Finding]:
         return
     for index, task in enumerate(policy.tasks):
         if task.max is not None and task.max // STEP * STEP < task.min <= task.max:
-            allowed = f"a bound with a multiple of {STEP}m between min, {format_cpu(task.min)}, and it"
+            allowed = f"a max with a multiple of {STEP}m between min, {format_cpu(task.min)}, and max"
             yield Finding(f"spec.tasks[{index}].max", format_cpu(task.max), allowed)

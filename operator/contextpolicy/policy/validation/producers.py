@@ -1,4 +1,4 @@
-"""Whose rest silences which stream."""
+"""Which tasks' rest silences which streams."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def without_health(policy: Policy) -> Policy:
-    """The policy as if nobody produced what carries modules' health: modules publish that while suspended, too."""
+    """The policy without producers of modules' health, which modules also publish while suspended."""
     health = (policy.shadow or Shadow(of="")).health
     return replace(policy, streams=tuple(_without(one, health) for one in policy.streams))
 

@@ -1,4 +1,4 @@
-"""Warnings about tasks that wait for what only they send, if anybody, and about what their rest begins."""
+"""Warnings about tasks that wait for samples that only they can cause, and about fallbacks that their rest begins."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class _Sleepers:
             for stream, fallback in self._at_first.fallbacks():
                 if stream.produced_by == task.name:
                     message = (
-                        f"its stream {stream.name} is silent, which begins the fallback {fallback}, from the start on"
+                        f"its stream {stream.name} is silent, which begins the fallback {fallback}, from the start"
                     )
                     yield _at_rest(field, task, f"until something wakes {task.name}, {message}")
         if task.preconditions:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def standing(policy: Policy) -> Iterator[Finding]:
-    """Each activity that can't come and go, with what it says in vain."""
+    """Each activity that can't come and go, with its fields that have no effect."""
     lasting = {one.name for one in policy.streams if one.stale_after is None and not one.liveliness}
     for index, task in enumerate(policy.tasks):
         for number, own in enumerate(task.activity):

@@ -1,4 +1,4 @@
-"""Which tasks surely do nothing for want of others' output, and which streams are silent for it.
+"""Which tasks certainly do nothing because they lack others' output, and which streams are silent for it.
 
 A task that can't run, or that nothing wakes, sends nothing; its silence may leave further tasks without what they need.
 """
