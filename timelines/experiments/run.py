@@ -18,13 +18,14 @@ from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import confine, healths, installation
-from timelines.experiments.calm import busy_seconds, wait_until_calm
+from timelines.experiments import slowed as slowing
+from timelines.experiments.calm import wait_until_calm
+from timelines.experiments.cpu_account import SLOWING, Account, machine_seconds
 from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.schedules import inputs_of
-from timelines.experiments.slowed import slowed
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
 from timelines.replay.player import Report, TimelineInputs, publish
@@ -127,15 +128,20 @@ class _Recording:
         capacity, cgroups = self._conditions.capacity, installation.cgroups()
         processors = confine.first(capacity.processors)
         confine.confine(cgroups, deploy.TASKS, processors)
-        calm, busy, began = wait_until_calm(), busy_seconds(), time.monotonic()
-        with slowed(capacity.part, processors), McapWriter(folder / MESSAGES) as file:
+        calm = wait_until_calm()
+        with slowing.slowed(capacity.part, processors) as thieves, McapWriter(folder / MESSAGES) as file:
+            parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
             with (
                 BusRecorder(self._viewer, file, cgroups, without_payload=self._source.recorded),
                 Executive(self._viewer, self._sensors) as executive,
             ):
-                reports, drained = self._play()
-            took, profiles = time.monotonic() - began, _profiles(self._viewer)
+                began = time.monotonic()
+                with Account(machine_seconds, parts) as account:
+                    reports, drained = self._play()
+                took = time.monotonic() - began
+            profiles = _profiles(self._viewer)
             confine.check(cgroups, deploy.TASKS, processors)
+            slowing.check(account.spent[SLOWING], (1 - capacity.part) * capacity.processors * took)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
         kept = document(profiles, dt.datetime.now(dt.UTC))
         (folder / PROFILES).write_text(json.dumps(kept), encoding="utf-8")
@@ -145,8 +151,7 @@ class _Recording:
             "load": calm,
             "capacity": list(capacity),
             "seconds": round(took, 2),
-            "busy": round(busy_seconds() - busy, 2),
-            "stolen": round((1 - capacity.part) * capacity.processors * took, 2),
+            "cpu": account.spent,
             "drained": drained,
         }
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
