@@ -7,6 +7,8 @@ can't keep, which is no question of scheduling.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from statistics import median
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
@@ -29,17 +31,22 @@ LONGER = 2
 
 
 def demand(runs: Sequence[Run]) -> dict[str, float]:
-    """Cores that each task wants, from runs in which each was alone: all of its inputs, and what it does besides."""
+    """Cores that each task wants while its inputs come, from runs in which each was alone."""
     return {task: sum(_wanted(run, task) for run in runs) / len(runs) for task in runs[0].schedule.inputs}
 
 
 def _wanted(run: Run, task: str) -> float:
-    ended = run.ended(task)
+    """What it used, without the rest of the time, in which the others' inputs came, and with all that it had to do."""
+    length, about, ended = run.schedule.duration, run.record.about, run.ended(task)
     done = [one.cpu for one in ended if one.cpu is not None]
-    if not done:
-        return 0.0
-    beside = max(run.record.used[task][-1] / 1000 - math.fsum(done), 0.0) / len(run.record.used[task])
-    return math.fsum(done) * len(ended) / len(done) / run.schedule.duration + beside
+    left_out = math.fsum(done) * (len(ended) / len(done) - 1) if done else 0.0
+    own = about["cpu"][task] - _resting(run.record.used[task]) * (about["seconds"] - length)
+    return (own + left_out) / length
+
+
+def _resting(used: Sequence[int]) -> float:
+    """Cores of a task that nobody asks anything, as in most of the seconds of such a run."""
+    return median(after - before for before, after in pairwise(used)) / 1000
 
 
 def capacity(load: str, wanted: Mapping[str, float], cores: int) -> Capacity:

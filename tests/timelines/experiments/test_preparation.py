@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from tests.timelines.experiments.made_up import SCHEDULE, a_run
+from tests.timelines.experiments.made_up import ABOUT, SCHEDULE, a_run
 from timelines.experiments.accounting import Ended, Ending
 from timelines.experiments.calibration import capacity, deadline, demand, solo
 from timelines.experiments.capacity import Capacity
@@ -18,14 +20,21 @@ def run(**endings):
     return Run(SCHEDULE, a_run("alone", **endings))
 
 
-def test_a_task_wants_its_inputs_and_what_it_does_beside():
-    wanted = demand([run(cpu=0.002), run(cpu=0.002)])
-    # Ten inputs of 2 ms in 10 s; 40 and 20 ms used in three seconds, 20 of them by inputs.
-    assert wanted == pytest.approx({"slam": 0.002 + 0.02 / 3, "speech": 0.002})
+def alone(slam="i" * 10, cpu=0.02):
+    """Its inputs come for ten of sixty seconds and cost 0.2 s; 0.3 s go into receiving them. It rests at 2 ms/s."""
+    used = [0, *range(52, 521, 52), *range(522, 621, 2)]
+    about = {**ABOUT, "seconds": 60.0, "cpu": {"slam": 0.62, "speech": 0.12}}
+    resting = list(range(0, 121, 2))
+    record = replace(a_run("alone", slam=slam, cpu=cpu), used={"slam": used, "speech": resting}, about=about)
+    return Run(SCHEDULE, record)
+
+
+def test_a_task_wants_what_it_used_while_its_inputs_came_and_no_rest_of_the_time():
+    assert demand([alone(), alone()]) == pytest.approx({"slam": 0.052, "speech": 0.002})
 
 
 def test_inputs_that_were_not_done_are_wanted_as_well():
-    assert demand([run(slam="i" * 5 + "d" * 5, cpu=0.008)])["slam"] == pytest.approx(10 * 0.008 / 10)
+    assert demand([alone(slam="i" * 5 + "d" * 5)])["slam"] == pytest.approx(0.052 + 0.01)
 
 
 def test_the_fewest_processors_are_slowed_until_the_tasks_want_what_a_load_says():
