@@ -65,6 +65,7 @@ class Campaign:
         A run that a block's file has is not repeated where its recording is gone, as after a new checkout. A
         configuration that fails is left out, so that the others are measured.
         """
+        self._keep_what_is_due(trials)
         missing = [trial for trial in trials if not self._has(trial)]
         if trials and not missing:
             folders = self._bench.folders
@@ -80,6 +81,12 @@ class Campaign:
             self._keep(trial.group, trials, commit=commit)
         self._keep_what_was_lost(trials, commit=commit)
         return sum(not self._has(trial) for trial in missing)
+
+    def _keep_what_is_due(self, trials: Sequence[Trial]) -> None:
+        """Write what is due in each story; RecordError before anything is run if it has changed since."""
+        for load, story in {trial.story.name: (trial.load, trial.story) for trial in trials}.values():
+            due = self._bench.schedule(story, self._settings[load].deadlines)
+            write_schedule(self._bench.folders.data, story.name, due)
 
     def _attempt(self, trial: Trial, missing: Sequence[Trial]) -> None:
         """Do a run; DeployError or ContextPolicyError where another configuration failed just before."""
@@ -120,7 +127,7 @@ class Campaign:
         return self._bench.record(trial.group, trial, setting, weights)
 
     def _keep(self, group: str, trials: Sequence[Trial], *, commit: bool) -> None:
-        """Write a block's file once all of its runs are done, and what was due in them, which may not change."""
+        """Write a block's file once all of its runs are done."""
         own = [trial for trial in trials if trial.group == group and not self._is_given_up(trial)]
         if not own or not all(self._has(trial) for trial in own):
             return
@@ -128,9 +135,6 @@ class Campaign:
         found = {**self._kept(group), **{_cell(trial): self._record(trial) for trial in done}}
         path = self._path(group)
         path.parent.mkdir(parents=True, exist_ok=True)
-        for story in {trial.story.name: trial.story for trial in own}.values():
-            due = self._bench.schedule(story, self._settings[own[0].load].deadlines)
-            write_schedule(self._bench.folders.data, story.name, due)
         write_whole(path, block(found.values()))
         failed = commit_folder(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
         if failed:  # the block is kept, and the next commit has it

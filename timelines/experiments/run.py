@@ -25,6 +25,7 @@ from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
+from timelines.experiments.record import write_whole
 from timelines.experiments.schedules import inputs_of
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
@@ -78,7 +79,7 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
             with gate:
                 installation.decide(trial, conditions.capacity, folder)
                 about = _Recording(trial, conditions, sensors, viewer, heard).make(folder)
-        (folder / RUN).write_text(json.dumps(about), encoding="utf-8")
+        write_whole(folder / RUN, json.dumps(about).encode())
     finally:
         installation.stop_robot()
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import lzma
+import pathlib
 import shutil
 from dataclasses import replace
 
@@ -16,7 +18,7 @@ from timelines.experiments.blocks import HEAVY, trials
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
-from timelines.experiments.evidence import Evidence, read_frozen, write_frozen, write_schedule
+from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
 from timelines.experiments.prepare import Preparation
 from timelines.experiments.record import RecordError, block, packed
 from timelines.experiments.workbench import Folders, Setting, Workbench
@@ -181,6 +183,42 @@ def test_what_is_due_may_not_change_between_runs(tmp_path):
     write_schedule(tmp_path, "delivery", SCHEDULE)
     with pytest.raises(RecordError, match="has changed"):
         write_schedule(tmp_path, "delivery", replace(SCHEDULE, deadlines={}))
+
+
+def test_what_is_due_is_compared_by_what_it_says(tmp_path):
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+    path = tmp_path / "schedules" / "delivery.json.xz"
+    path.write_bytes(lzma.compress(lzma.decompress(path.read_bytes()), preset=0))  # as another version of xz would
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+
+
+def test_a_story_that_has_changed_is_found_out_before_anything_is_run(tmp_path):
+    write_schedule(tmp_path / "data", "delivery", replace(SCHEDULE, deadlines={"slam": 9.0}))
+    bench = Bench(tmp_path)
+    with pytest.raises(RecordError, match="has changed"):
+        run(bench)
+    assert bench.done == []
+
+
+def test_what_is_interrupted_while_it_is_written_leaves_what_was_there(monkeypatch, tmp_path):
+    write_frozen(tmp_path, {"solo": {}})
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+    note_absent(tmp_path, [CHOSEN[0].cell], "it can't")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pathlib.Path, "replace", interrupt)
+    for write in (
+        lambda: write_frozen(tmp_path, {}),
+        lambda: note_absent(tmp_path, [CHOSEN[1].cell], "it can't either"),
+        lambda: write_schedule(tmp_path, "inspection", SCHEDULE),
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            write()
+    assert {path: path.read_bytes() for path in before} == before
+    assert Evidence.read(tmp_path).schedules.keys() == {"delivery"}
 
 
 def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
