@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from timelines.demo.deploy import DeployError
@@ -9,7 +11,7 @@ from timelines.experiments.accounting import Timing
 from timelines.experiments.accuracy import Accuracy
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.collect import record
-from timelines.experiments.configurations import WEIGHTS_GATED
+from timelines.experiments.configurations import LINUX, WEIGHTS_GATED
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.executive import KEYWORD, POSE, Pilot, Sent
 from timelines.experiments.raw_data import Counters, RunData
@@ -45,6 +47,7 @@ def run():
     made.published = {STEREO: [at(0.001), at(1), at(2), at(3)]}
     made.dropped = {"slam": {"stereo": 1}}
     made.done["slam", "stereo"] = {at(0.001): Timing(BEGIN + 0.051, 0.04, 0), at(3): Timing(BEGIN + 3.2, 0.05, 1)}
+    made.plans = [plan(1, -5)]
     made.counters["slam"] = [Counters(BEGIN + n / 2, 5 + 0.1 * n) for n in range(7)]
     return made
 
@@ -68,6 +71,25 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
     kept = record(TRIAL, run, SCHEDULE, {})
     assert [(moment, tasks["slam"]) for moment, _, tasks in kept.plans] == [(0, [3.0, 500]), (2500, [3.0, 500])]
     assert kept.columns["slam"]["stereo"].fates == "dssd"
+
+
+def test_a_run_without_a_plan_of_its_policy_is_none(run):
+    run.plans = []
+    with pytest.raises(DeployError, match="no plan was heard"):
+        record(TRIAL, run, SCHEDULE, {})
+    assert record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {}).plans == []
+
+
+def test_a_run_whose_modules_did_not_pause_is_none(run):
+    run.plans = [plan(1, 0, "slam")]
+    times = [n / 20 for n in range(80)]
+    run.published = {STEREO: [at(one) for one in times]}
+    run.done["slam", "stereo"] = {at(one): Timing(BEGIN + one + 0.01, 0.01, 0) for one in times if one < 0.4}
+    often = replace(SCHEDULE, keys={STEREO: times})
+    assert "s" in record(TRIAL, run, often, {}).columns["slam"]["stereo"].fates  # what it had in hand it may end
+    run.done["slam", "stereo"] = {at(one): Timing(BEGIN + one + 0.01, 0.01, 0) for one in times}
+    with pytest.raises(DeployError, match="slam did 70 of 70 inputs while it was suspended"):
+        record(TRIAL, run, often, {})
 
 
 def test_a_wheel_command_follows_from_its_frame(run):
