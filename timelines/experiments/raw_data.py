@@ -63,9 +63,13 @@ class RunData:
         yield from zip(begins, [*begins, float("inf")][1:], plans, strict=True)
 
     def away(self, task: str) -> list[tuple[float, float]]:
-        """When the plans suspended a task."""
-        found = self.spans()
-        return [(begin, end) for begin, end, plan in found if plan["tasks"].get(task, {}).get("suspended")]
+        """When the plans suspended a task; plans that follow each other are one stretch."""
+        found: list[tuple[float, float]] = []
+        for begin, end, plan in self.spans():
+            if plan["tasks"].get(task, {}).get("suspended"):
+                joins = bool(found) and found[-1][1] == begin
+                found[-1:] = [(found[-1][0], end)] if joins else [*found[-1:], (begin, end)]
+        return found
 
 
 def read_run(folder: Path) -> RunData:

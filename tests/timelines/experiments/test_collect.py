@@ -73,6 +73,12 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
     assert kept.columns["slam"]["stereo"].fates == "dssd"
 
 
+def test_a_suspension_that_one_plan_after_the_other_has_is_one(run):
+    run.plans = [plan(1, -5), plan(2, 1, "slam"), plan(3, 2, "slam"), plan(4, 3), plan(5, 4, "slam")]
+    found = [(begin - BEGIN, end - BEGIN) for begin, end in run.away("slam")]
+    assert found == [(1, 3), (4, float("inf"))]
+
+
 def test_a_run_without_a_plan_of_its_policy_is_none(run):
     run.plans = []
     with pytest.raises(DeployError, match="no plan was heard"):
