@@ -66,9 +66,10 @@ class RunData:
         """When the plans suspended a task; plans that follow each other are one stretch."""
         found: list[tuple[float, float]] = []
         for begin, end, plan in self.spans():
-            if plan["tasks"].get(task, {}).get("suspended"):
-                joins = bool(found) and found[-1][1] == begin
-                found[-1:] = [(found[-1][0], end)] if joins else [*found[-1:], (begin, end)]
+            if not plan["tasks"].get(task, {}).get("suspended"):
+                continue
+            joins = bool(found) and found[-1][1] == begin
+            found.append((found.pop()[0] if joins else begin, end))
         return found
 
 
