@@ -53,6 +53,15 @@ PLAN: Sequence[Part] = (
 """In the order of what a claim needs first."""
 
 
+def part_of(load: str, configuration: str) -> int:
+    """The number of the part of which a run is."""
+    return next(
+        number
+        for number, part in enumerate(PLAN)
+        if part.load == load and configuration in {one.name for one in part.configurations}
+    )
+
+
 class Trial(NamedTuple):
     """One run: a story under a load and a configuration, in a block of its part."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from timelines.experiments import detail_tables, pictures, tables
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from timelines.experiments.evidence import Evidence
+    from timelines.experiments.record import Record
     from timelines.experiments.verdicts import Verdict
 
 METHOD = """\
@@ -92,7 +94,7 @@ def _machine(evidence: Evidence) -> str:
         "{processor}, {cores} cores, {memory_gib} GiB, Linux {kernel}".format(**one.about["machine"]) for one in every
     }
     dates, loads = sorted(one.about["date"][:10] for one in every), evidence.frozen.get("loads")
-    words = [f"Machine: {'; '.join(sorted(machines))}. {len(every)} runs, {dates[0]} to {dates[-1]}."]
+    words = [f"Machine: {'; '.join(sorted(machines))}. {len(every)} runs, {dates[0]} to {dates[-1]}. {_code(every)}"]
     if not loads:
         used = sorted({f"{one.load} load: {Capacity(*one.about['capacity'])}" for one in every})
         return f"{words[0]} **Nothing was calibrated: a quick look** ({', '.join(used)}).\n"
@@ -101,6 +103,15 @@ def _machine(evidence: Evidence) -> str:
     alone = ", ".join(f"{task} {value:.1%}" for task, value in evidence.frozen["solo"].items())
     words.append(f"Hit rates of each task alone when deadlines were frozen: {alone}.")
     return " ".join(words) + "\n"
+
+
+def _code(every: Sequence[Record]) -> str:
+    """Whose runs these are; several commits with how many runs each has."""
+    counts = Counter(str(one.about["code"]) for one in every)
+    if len(counts) == 1:
+        return f"Code: commit {next(iter(counts))}."
+    shown = (f"{code} ({count} {'run' if count == 1 else 'runs'})" for code, count in sorted(counts.items()))
+    return f"Code: commits {', '.join(shown)}."
 
 
 def _static(evidence: Evidence) -> str:

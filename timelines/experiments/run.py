@@ -54,13 +54,14 @@ BACKLOG = 2
 class Conditions:
     """What a run happens under: its timeline and recordings, and what the tasks share.
 
-    `weights` are the searched ones, for a configuration that has static weights.
+    `weights` are the searched ones, for a configuration that has static weights. `code` is whose run it is.
     """
 
     timeline: Path
     datasets: Path
     capacity: Capacity
     weights: Mapping[str, int]
+    code: str
 
 
 def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
@@ -149,6 +150,7 @@ class _Recording:
         about = {
             "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
             "machine": _machine(),
+            "code": self._conditions.code,
             "load": calm,
             "capacity": list(capacity),
             "seconds": round(took, 2),

@@ -13,6 +13,7 @@ from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.capacity import Capacity
+from timelines.experiments.code_version import code_version
 from timelines.experiments.evidence import ENDING
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, packed, unpacked, write_whole
@@ -66,6 +67,7 @@ class Workbench:
         self.took: dict[str, tuple[float, float]] = {}
         self._installed: tuple[bool, bool] | None = None
         self._schedules: dict[str, Schedule] = {}
+        self._code = code_version(deploy.REPOSITORY)  # now, since what is edited later is not what runs
 
     def has(self, place: str, trial: Trial) -> bool:
         """Whether a run is finished."""
@@ -102,7 +104,7 @@ class Workbench:
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
         began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
-        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, weights)
+        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, weights, self._code)
         found, failures = self._tried(trial, conditions, folder, due)
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))

@@ -21,6 +21,8 @@ SCHEDULE = Schedule(
 ABOUT = {
     "date": "2026-11-26T03:00:00+00:00",
     "machine": {"processor": "a test", "cores": 2, "memory_gib": 4.0, "kernel": "6"},
+    "code": "abc1234",
+    "failures": [],
     "seconds": 10.0,
     "finished": 10.5,
     "cpu": {"machine": 8.0, "slowing": 1.0, "slam": 1.5, "speech": 0.25, "operator": 0.125, "router": 0.375},

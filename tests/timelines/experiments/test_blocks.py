@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from timelines.experiments.blocks import HEAVY, LIGHT, PLAN, START, seconds_left, trials
+from timelines.experiments.blocks import HEAVY, LIGHT, PLAN, START, part_of, seconds_left, trials
 from timelines.experiments.configurations import ALONE, FACTORS, LINUX
 from timelines.experiments.stories import HELD_OUT, Use
 
@@ -66,3 +66,7 @@ def test_files_are_named_by_block():
 def test_both_kinds_of_gating_are_compared_under_every_division():
     for division in ("linux", "static", "weights", "limits"):
         assert {f"{division}", f"{division}-gated"} <= {one.name for one in FACTORS}
+
+
+def test_a_run_is_found_in_its_part_again():
+    assert all(part_of(one.load, one.configuration.name) == one.part for one in ALL)

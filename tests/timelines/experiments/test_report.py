@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tests.timelines.experiments.made_up import FROZEN, a_run, evidence, some_runs
@@ -35,6 +37,14 @@ def test_a_goal_that_ten_blocks_agree_on_is_met(text):
 
 def test_it_says_which_divisions_reach_it_too(text):
     assert "less 2 points (gated): context weights, gated.\n" in text
+
+
+def test_it_says_which_code_was_run(text, tmp_path):
+    assert "Code: commit abc1234." in text
+    other = a_run("weights")
+    runs = [a_run("linux"), replace(other, about={**other.about, "code": "def5678 and changes"})]
+    mixed = write_report(evidence(*runs), tmp_path).read_text(encoding="utf-8")
+    assert "Code: commits abc1234 (1 run), def5678 and changes (1 run)." in mixed
 
 
 def test_the_details_have_every_ending_and_the_onsets(out):

@@ -76,7 +76,7 @@ def node(monkeypatch):
 def conditions(tmp_path):
     timeline = tmp_path / "short.json"
     timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    return Conditions(timeline, tmp_path, Capacity(1, 1.0), {})
+    return Conditions(timeline, tmp_path, Capacity(1, 1.0), {}, "abc1234")
 
 
 def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
@@ -89,6 +89,7 @@ def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
     assert all(response >= 200 for response in kept.columns["slam"]["stereo"].responses)  # it takes 20 ms
     assert kept.about["drained"]
     assert kept.about["finished"] > 0
+    assert kept.about["code"] == "abc1234"
 
 
 def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
