@@ -11,7 +11,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -25,7 +25,7 @@ from timelines.experiments.calibration import LOADS
 from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
-from timelines.experiments.prepare import Preparation, name, settings, tuned_weights
+from timelines.experiments.prepare import OutOfTimeError, Preparation, name, settings, tuned_weights
 from timelines.experiments.record import RecordError
 from timelines.experiments.report import write_report
 from timelines.experiments.stories import HELD_OUT, PAPER
@@ -80,17 +80,21 @@ def _report(data: Path, out: Path, *, commit: bool) -> bool:
 
 def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:
     """Run what is missing; False if a configuration had to be given up."""
-    data = bench.folders.data
+    data, until = bench.folders.data, _until(options.minutes)
     frozen = dict(read_frozen(DATA if quick else data))
     if not quick:
-        _prepare(Preparation(bench, Lines()), frozen, data)
+        try:
+            _prepare(Preparation(bench, Lines(), until), frozen, data, lambda what: _frozen(data, what, options))
+        except OutOfTimeError:
+            Lines().say("not all is prepared: the same command goes on with it")
+            return True
     elif frozen:
         write_frozen(data, frozen)
     found = settings(frozen)
     chosen = list(trials(stories=options.stories, only=options.only, loads=options.loads, most=options.blocks))
     campaign = Campaign(bench, found, tuned_weights(frozen), Lines())
     able = _able(campaign, chosen, found)
-    left = campaign.run(able, until=_until(options.minutes), commit=options.commit)
+    left = campaign.run(able, until=until, commit=options.commit)
     if left:
         Lines().say(f"{left} runs are left: the same command goes on with them")
     return not campaign.failed
@@ -108,19 +112,29 @@ def _able(campaign: Campaign, chosen: Sequence[Trial], found: Mapping[str, Setti
     return able
 
 
-def _prepare(preparation: Preparation, frozen: dict[str, object], data: Path) -> None:
-    """Find out what is missing, and keep each finding at once."""
+def _prepare(preparation: Preparation, frozen: dict[str, Any], data: Path, kept: Callable[[str], None]) -> None:
+    """Find out what is missing, and keep each finding at once; `kept` hears what it was."""
     if "loads" not in frozen:
         frozen |= preparation.calibrated()
         write_frozen(data, frozen)
+        kept("loads and deadlines")
     for gated in (False, True):
         tuned = frozen.setdefault("tuned", {})
-        if isinstance(tuned, dict) and name(gated=gated) not in tuned:
+        if name(gated=gated) not in tuned:
             tuned[name(gated=gated)] = preparation.tuned(frozen, gated=gated)
             write_frozen(data, frozen)
+            kept(f"static weights, {name(gated=gated)}")
     if "predicted" not in frozen:
         frozen["predicted"] = preparation.predicted(frozen)
         write_frozen(data, frozen)
+        kept("predictions")
+
+
+def _frozen(data: Path, what: str, options: argparse.Namespace) -> None:
+    """Commit a finding, which takes half an hour to find out again."""
+    failed = commit_folder(data, f"Freeze {what} of the experiments") if options.commit else ""
+    if failed:
+        Lines().say(failed)
 
 
 def _until(minutes: float) -> Callable[[float], bool]:

@@ -13,13 +13,13 @@ import pytest
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
-from timelines.experiments import installation
+from timelines.experiments import installation, prepare
 from timelines.experiments.blocks import HEAVY, trials
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
-from timelines.experiments.prepare import Preparation
+from timelines.experiments.prepare import OutOfTimeError, Preparation
 from timelines.experiments.record import RecordError, block, packed
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
@@ -232,7 +232,7 @@ class Prepares(Preparation):
     """Finds out at once, and counts."""
 
     def __init__(self, folder):
-        super().__init__(Bench(folder), Lines())
+        super().__init__(Bench(folder), Lines(), lambda _: True)
         self.asked: list[object] = []
 
     def calibrated(self):
@@ -253,10 +253,47 @@ class Prepares(Preparation):
 def test_loads_and_weights_are_found_out_once(tmp_path):
     preparation = Prepares(tmp_path)
     frozen: dict[str, object] = {}
-    command._prepare(preparation, frozen, tmp_path)
+    kept: list[str] = []
+    command._prepare(preparation, frozen, tmp_path, kept.append)
     assert preparation.asked == ["loads", False, True, "predicted"]
-    command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path)
-    assert len(preparation.asked) == 4
+    assert kept == ["loads and deadlines", "static weights, ungated", "static weights, gated", "predictions"]
+    command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path, kept.append)
+    assert len(preparation.asked) == len(kept) == 4
+
+
+FOUND = {
+    "loads": {"light": [2, 0.8], "heavy": [1, 0.4]},
+    "deadlines": {},
+    "wanted": {"slam": 0.2},
+    "tuned": {"ungated": {}},
+}
+
+
+def test_preparation_goes_on_where_no_time_was_left(tmp_path):
+    bench = Bench(tmp_path)
+    few = Preparation(bench, Lines(), lambda _: len(bench.done) < 5)
+    with pytest.raises(OutOfTimeError):
+        few.tuned(FOUND, gated=True)
+    assert len(bench.done) == 5
+    Preparation(bench, Lines(), lambda _: True).tuned(FOUND, gated=True)
+    assert len(bench.done) == 16 + 8 + 4 + 4  # none of them twice
+
+
+def test_a_call_that_ends_during_preparation_is_no_failure(monkeypatch, tmp_path, capsys):
+    def end(*_):
+        raise OutOfTimeError
+
+    monkeypatch.setattr(command, "_prepare", end)
+    assert command.main(["--data", str(tmp_path), "--minutes", "1"]) == 0
+    assert "the same command goes on" in capsys.readouterr().out
+
+
+def test_what_is_predicted_from_is_played_again_where_its_recording_is_gone(monkeypatch, tmp_path):
+    bench = Bench(tmp_path)
+    monkeypatch.setattr(bench, "profiles", lambda *_: {"the": "profiles"})
+    monkeypatch.setattr(prepare, "HELD_OUT", ())
+    assert Preparation(bench, Lines(), lambda _: True).predicted(FOUND)["profiles"] == {"the": "profiles"}
+    assert [name for name, *_ in bench.done] == ["errand-alone"]
 
 
 def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, capsys):
