@@ -78,13 +78,13 @@ def _claim(found: Sequence[Verdict]) -> str:
     """What the goals say, in one sentence each way."""
     met = [one for one in found if one.met]
     missed = [one for one in found if one.met is False]
-    measured = len(met) + len(missed)
-    if not measured:
-        return "No goal has been measured yet."
-    said = f"**{len(met)} of {measured} goals that were measured are met**"
-    open_ = len(found) - measured
+    decided = len(met) + len(missed)
+    if not decided:
+        return "No goal has been decided yet."
+    said = f"**{len(met)} of {decided} goals that are decided are met**"
+    open_ = len(found) - decided
     rest = [f"missed: {'; '.join(one.goal.name for one in missed)}"] if missed else []
-    rest += [f"not measured: {open_}"] if open_ else []
+    rest += [f"not measured, or in too few blocks: {open_}"] if open_ else []
     return f"{said} ({'; '.join(rest)})." if rest else f"{said}."
 
 

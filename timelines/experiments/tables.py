@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 NONE = "-"
-_WORDS = {True: "met", False: "**missed**", None: "not measured"}
+_WORDS = {True: "met", False: "**missed**"}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -58,9 +58,13 @@ def goals(found: Iterable[Verdict]) -> str:
         case, title = one.worst, CONFIGURATIONS[one.goal.configuration].title
         measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
         better = gain(case.gain) if case else NONE
-        rows.append([one.goal.load, one.goal.name, title, measured, better, f"{one.probability:.3g}", _WORDS[one.met]])
+        rows.append([one.goal.load, one.goal.name, title, measured, better, f"{one.probability:.3g}", _word(one)])
     head = ["load", "goal", "configuration", "least sure case", "better than asked by", "p (Holm)", ""]
     return table(head, rows)
+
+
+def _word(found: Verdict) -> str:
+    return _WORDS.get(found.met, "too few blocks") if found.cases else "not measured"
 
 
 def gain(found: Interval) -> str:
