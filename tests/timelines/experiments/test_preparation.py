@@ -12,6 +12,7 @@ from timelines.experiments.calibration import capacity, deadline, demand, solo
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.halving import ALWAYS, CANDIDATES, LEAST, MOST, candidates, halved, score
 from timelines.experiments.metrics import Run
+from timelines.experiments.prepare import priorities
 
 PRIORITIES = {"slam": 3.0, "speech": 3.0, "navigation": 10.0, "host": 1.0}
 
@@ -68,9 +69,15 @@ def test_what_a_user_writes_at_once_is_tried_first_and_the_rest_is_always_the_sa
     assert found[0] == dict.fromkeys(PRIORITIES, 256)
     assert found[1] == {"slam": 307, "speech": 307, "navigation": 1024, "host": 102}
     assert found[2] == {"slam": 1024, "speech": 512, "navigation": LEAST, "host": LEAST}
-    assert found[3] == {"slam": 1024, "speech": 1024, "navigation": 1024, "host": 16}
+    assert found[3] == {"slam": 1024, "speech": 512, "navigation": 1024, "host": LEAST}
     assert candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4}) == found
     assert all(LEAST <= weight <= MOST for one in found for weight in one.values())
+
+
+def test_no_two_of_them_are_the_same_in_the_stories_own_policy():
+    tries = candidates(priorities(), {"slam": 0.2, "signs": 0.18, "imu": 0.07, "speech": 0.02, "navigation": 0.01})
+    shares = {tuple(round(weight / sum(one.values()), 3) for weight in one.values()) for one in tries}
+    assert len(shares) == CANDIDATES
 
 
 def test_weights_are_worth_their_worst_context():
