@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from timelines.experiments.workbench import Setting
 
 OUT = deploy.REPOSITORY / "build" / "experiments"
-RESULTS = deploy.REPOSITORY / "timelines" / "results"
-DATA = RESULTS / "data"
+DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
 REPORTED = [story.name for story in (*HELD_OUT, *PAPER)]
 console = Console() if sys.stdout.isatty() else Console(width=120)  # a pipe has no width, and 80 would cut lines
 
@@ -53,8 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raw, options.data or (raw / "data" if quick else DATA), options.datasets, options.out / "timelines"
     )
     ran = options.report_only or _succeeds(lambda: _run(options, Workbench(folders), quick=quick))
-    kept = options.commit and not quick
-    reported = _succeeds(lambda: _report(folders.data, options.report or (RESULTS if kept else raw), commit=kept))
+    reported = _succeeds(lambda: _report(folders.data, options.report or raw))
     return 0 if ran and reported else 1
 
 
@@ -67,14 +65,11 @@ def _succeeds(step: Callable[[], bool]) -> bool:
         return False
 
 
-def _report(data: Path, out: Path, *, commit: bool) -> bool:
+def _report(data: Path, out: Path) -> bool:
     """Write the report, also where runs have failed: what was measured before is worth reading."""
     evidence = Evidence.read(data)
     if evidence.runs:
         Lines().say(f"report: {write_report(evidence, out)}")
-    failed = commit_folder(out, "Report the experiments") if commit and evidence.runs else ""
-    if failed:
-        Lines().say(failed)
     return True
 
 
