@@ -36,6 +36,7 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
         if published != due:
             raise DeployError(f"{trial}: {published} inputs on {key}, {due} were due")
     _check_decisions(trial, run, schedule)
+    _check_log(trial, run, schedule)
     return Record(
         load=trial.load,
         story=trial.story.name,
@@ -65,6 +66,15 @@ def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
             done = sum(one in run.done[task, name] for one in inside)
             if len(inside) >= FEW and 2 * done > len(inside):
                 raise DeployError(f"{trial}: {task} did {done} of {len(inside)} inputs while it was suspended")
+
+
+def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:
+    """DeployError if inputs were done of which the recording does not know: they would count as lost."""
+    for task, own in schedule.inputs.items() if run.about["about"]["drained"] else ():
+        for name in own:
+            heard, done = len(run.done[task, name]), run.counted.get(task, {}).get(name, 0)
+            if heard < done:
+                raise DeployError(f"{trial}: {heard} inputs of {task} were heard of as done, {done} were done")
 
 
 def _column(run: RunData, schedule: Schedule, task: str, name: str) -> Column:

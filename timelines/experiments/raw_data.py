@@ -47,6 +47,8 @@ class RunData:
     """Of each key: the stamps that the player gave."""
     dropped: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """Of each task's inputs: how many it has dropped in all."""
+    counted: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """Of each task's inputs: how many it has done, by its own count."""
     orders: list[Sent] = field(default_factory=list)
     """What the executive ordered of the wheels."""
     done: dict[tuple[str, str], dict[int, Timing]] = field(default_factory=lambda: defaultdict(dict))
@@ -77,6 +79,7 @@ def read_run(folder: Path) -> RunData:
     """Read a finished run; RecordingError if its recording can't be read."""
     about = json.loads((folder / RUN).read_text(encoding="utf-8"))
     run = RunData(about["started"], about, about["starts"], about["stamps"], about["dropped"])
+    run.counted = about["done"]
     run.orders = [Sent(*one) for one in about["orders"]]
     recording = open_recording(folder / MESSAGES, Excerpt())
     for message in recording.messages(recording.topics, recording.begin, recording.end):

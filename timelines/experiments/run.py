@@ -178,9 +178,11 @@ def _played(reports: list[Report]) -> dict[str, Any]:
 
 
 def _heard(profiles: list[dict[str, Any]]) -> dict[str, Any]:
-    """What the tasks say that they dropped."""
-    found = {one["task"]: {name: own["dropped"] for name, own in one["inputs"].items()} for one in profiles}
-    return {"dropped": found}
+    """What the tasks say that they did and dropped."""
+    return {
+        what: {one["task"]: {name: own[what] for name, own in one["inputs"].items()} for one in profiles}
+        for what in ("done", "dropped")
+    }
 
 
 def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:

@@ -43,7 +43,7 @@ def plan(sequence, moment, *suspended):
 
 @pytest.fixture
 def run():
-    made = RunData(float(BEGIN), {"about": {"load": 0.1}}, {STEREO: float(BEGIN)})
+    made = RunData(float(BEGIN), {"about": {"load": 0.1, "drained": True}}, {STEREO: float(BEGIN)})
     made.published = {STEREO: [at(0.001), at(1), at(2), at(3)]}
     made.dropped = {"slam": {"stereo": 1}}
     made.done["slam", "stereo"] = {at(0.001): Timing(BEGIN + 0.051, 0.04, 0), at(3): Timing(BEGIN + 3.2, 0.05, 1)}
@@ -59,7 +59,7 @@ def test_every_input_of_a_run_is_in_its_record(run):
     assert kept.late == {STEREO: [10, 0, 0, 0]}
     assert kept.accuracy["slam"] == ["ATE", 0.0123, "m", 90, False]
     assert (kept.load, kept.story, kept.configuration, kept.block) == ("heavy", "delivery", "weights-gated", 3)
-    assert kept.about == {"load": 0.1, "finished": 3.2}
+    assert kept.about == {"load": 0.1, "drained": True, "finished": 3.2}
 
 
 def test_cpu_is_kept_once_a_second_from_the_first_input_on(run):
@@ -71,6 +71,14 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
     kept = record(TRIAL, run, SCHEDULE, {})
     assert [(moment, tasks["slam"]) for moment, _, tasks in kept.plans] == [(0, [3.0, 500]), (2500, [3.0, 500])]
     assert kept.columns["slam"]["stereo"].fates == "dssd"
+
+
+def test_a_run_whose_log_is_not_whole_is_none(run):
+    run.counted = {"slam": {"stereo": 3}}
+    with pytest.raises(DeployError, match="2 inputs of slam were heard of as done, 3 were done"):
+        record(TRIAL, run, SCHEDULE, {})
+    run.about = {"about": {**run.about["about"], "drained": False}}  # it went on while it was asked
+    assert record(TRIAL, run, SCHEDULE, {}).columns["slam"]["stereo"].fates == "dxld"
 
 
 def test_a_suspension_that_one_plan_after_the_other_has_is_one(run):
