@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
 from timelines.experiments.capacity import Capacity
+from timelines.experiments.metrics import contexts
+from timelines.experiments.stories import PROTECTED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,6 +26,11 @@ LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4}
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
+ROOM = 0.9
+"""Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
+no division can keep a goal, and nothing is learned from a miss."""
+NEARLY_ALL = 0.9
+"""Part of a context's seconds."""
 FAIR = 0.98
 """What a task has to hit alone for its deadline to be fair."""
 LONGER = 2
@@ -49,12 +56,34 @@ def _resting(used: Sequence[int]) -> float:
     return median(after - before for before, after in pairwise(used)) / 1000
 
 
-def capacity(load: str, wanted: Mapping[str, float], cores: int) -> Capacity:
+def neediest(runs: Sequence[Run]) -> dict[str, float]:
+    """Cores that each context's critical task and the protected ones want together, in nearly all of its seconds."""
+    found: dict[str, list[float]] = {}
+    for run in runs:
+        wanted, about = {task: _by_second(run, task) for task in run.schedule.inputs}, contexts(run.schedule)
+        for window in run.schedule.windows:
+            own = {about.get(window.name), *PROTECTED} & wanted.keys()
+            for second in range(math.ceil(window.begin), math.floor(window.end)) if window.name in about else ():
+                found.setdefault(window.name, []).append(sum(wanted[task][second] for task in own))
+    return {context: sorted(every)[math.ceil(NEARLY_ALL * len(every)) - 1] for context, every in found.items()}
+
+
+def _by_second(run: Run, task: str) -> list[float]:
+    """Cores that a task wants in each second of the story: for the inputs that come in it, and for all else it does."""
+    ended = run.ended(task)
+    beside = _wanted(run, task) - math.fsum(one.cpu or 0.0 for one in ended) / run.schedule.duration
+    found = [beside] * math.ceil(run.schedule.duration)
+    for due, end in zip(run.schedule.of(task), ended, strict=True):
+        found[math.floor(due.at)] += end.cpu or 0.0
+    return found
+
+
+def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 0.0) -> Capacity:
     """What makes a load: the fewest processors that are enough, slowed as far as it takes.
 
-    All of them at full speed where the tasks want more than that.
+    It has room for `least`, what the neediest context's tasks want. All at full speed where the tasks want more.
     """
-    needed = sum(wanted.values()) / LOADS[load]
+    needed = max(sum(wanted.values()) / LOADS[load], least / ROOM)
     processors = min(max(math.ceil(needed), 1), cores)
     return Capacity(processors, round(min(1.0, max(SLOWEST, needed / processors)), 3))
 

@@ -55,19 +55,22 @@ class Preparation:
         own = own_deadlines()
         cores = installation.cores()
         whole = Setting(Capacity(cores, 1.0), own)
-        wanted = calibration.demand(self._alone(whole, TUNING))
-        loads = {load: calibration.capacity(load, wanted, cores) for load in (LIGHT, HEAVY)}
-        papers = calibration.demand(self._alone(whole, [STORIES[MIDDLE]]))
-        loads[PAPERS_LOAD] = calibration.capacity(PAPERS_LOAD, papers, cores)
+        alone, papers = self._alone(whole, TUNING), self._alone(whole, [STORIES[MIDDLE]])
+        wanted, needs = calibration.demand(alone), calibration.neediest(alone)
+        loads = {load: calibration.capacity(load, wanted, cores, max(needs.values())) for load in (LIGHT, HEAVY)}
+        least = max(calibration.neediest(papers).values())
+        loads[PAPERS_LOAD] = calibration.capacity(PAPERS_LOAD, calibration.demand(papers), cores, least)
         shared = ", ".join(f"{name} {capacity}" for name, capacity in loads.items())
         self._progress.say(f"wanted: {_words(wanted, 'cores')}; processors: {shared}")
+        self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'cores')}")
         slow = self._alone(Setting(loads[HEAVY], own), TUNING)
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
         deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
         self._progress.say(f"deadlines: {_words(deadlines, 's')}; kept alone: {_words(solo)}")
         date = dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds")
-        return {"date": date, "wanted": wanted, "loads": loads, "deadlines": deadlines, "solo": solo}
+        found = {"wanted": wanted, "needs": needs, "loads": loads, "deadlines": deadlines, "solo": solo}
+        return {"date": date, **found}
 
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
         """The static weights that the search found, and what it tried."""

@@ -8,11 +8,12 @@ import pytest
 
 from tests.timelines.experiments.made_up import ABOUT, SCHEDULE, a_run
 from timelines.experiments.accounting import Ended, Ending
-from timelines.experiments.calibration import capacity, deadline, demand, solo
+from timelines.experiments.calibration import capacity, deadline, demand, neediest, solo
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.halving import ALWAYS, CANDIDATES, LEAST, MOST, candidates, halved, score
 from timelines.experiments.metrics import Run
 from timelines.experiments.prepare import priorities
+from timelines.experiments.record import Column
 
 PRIORITIES = {"slam": 3.0, "speech": 3.0, "navigation": 10.0, "host": 1.0}
 
@@ -43,6 +44,24 @@ def test_the_fewest_processors_are_slowed_until_the_tasks_want_what_a_load_says(
     assert [capacity(load, wanted, 2) for load in ("light", "heavy", "paper")] == [(2, 0.8), (1, 0.8), (1, 0.8)]
     assert [capacity(load, {"slam": 3.0}, 2) for load in ("light", "heavy")] == [(2, 1.0), (2, 1.0)]
     assert capacity("heavy", {"slam": 0.1}, 2) == (1, 0.15)
+
+
+def test_no_context_wants_more_for_its_critical_and_the_protected_tasks_than_there_is():
+    """Nobody's division could keep a goal there: rather a smaller load than one of which nothing can be learned."""
+    wanted = {"slam": 0.2, "signs": 0.2}
+    assert capacity("heavy", wanted, 2, least=0.18) == (1, 0.286)  # 1.4 times
+    assert capacity("heavy", wanted, 2, least=0.36) == (1, 0.4)  # as many as nine tenths of it
+
+
+def test_what_a_context_needs_is_that_of_nearly_all_of_its_seconds():
+    """SLAM's ten inputs are a second apart; two of the five while it drives cost more than the rest."""
+    costs = [0.1, 0.1, 0.3, 0.3, 0.1, *[0.02] * 5]
+    slam = Column("d" * 10, [500] * 10, [round(cost * 100_000) for cost in costs])
+    one = alone()
+    about = {**one.record.about, "cpu": {"slam": 1.3, "speech": 0.32}}
+    record = replace(one.record, columns={**one.record.columns, "slam": {"stereo": slam}}, about=about)
+    beside = 0.12 - 0.1  # cores it wants, and those for its inputs
+    assert neediest([Run(SCHEDULE, record)]) == pytest.approx({"drive": 0.3 + beside, "talk": 0.02 + 0.022 - 0.02})
 
 
 def test_a_policy_divides_what_is_there():
