@@ -89,9 +89,10 @@ def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 
 
 
 def deadline(own: float, ended: Sequence[Ended]) -> float:
-    """The task's own deadline, in seconds, doubled until it keeps it alone, LONGER times at most."""
-    for _ in range(LONGER):
-        if solo(own, ended) >= FAIR:
+    """The task's own deadline, in seconds, doubled until what it does alone is in time, LONGER times at most."""
+    done = [one for one in ended if one.response is not None]
+    for _ in range(LONGER if done else 0):
+        if solo(own, done) >= FAIR:
             break
         own *= 2
     return own

@@ -79,6 +79,7 @@ def test_a_deadline_is_doubled_until_the_task_keeps_it_alone():
     assert deadline(0.1, ended(0.05, 0.06)) == 0.1
     assert deadline(0.1, ended(0.05, 0.3)) == 0.4
     assert deadline(0.1, ended(9.0)) == 0.4  # twice at most: it fails alone, and the report says so
+    assert deadline(0.1, [*ended(0.05), Ended(Ending.DROPPED)]) == 0.1  # a longer one would bring nothing back
     assert solo(0.1, [*ended(0.05, 0.3), Ended(Ending.DROPPED)]) == pytest.approx(1 / 3)
 
 
