@@ -7,10 +7,12 @@ import hashlib
 import pytest
 import yaml
 
+from contextpolicy.policy.quantities import parse_cpu
 from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams.timeline import parse
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.due import windows
 from timelines.experiments.stories import CRITICAL, HELD_OUT, PAPER, PROTECTED, SCENARIOS, STORIES, TUNING
 from timelines.scenarios.inputs import timeline
@@ -74,6 +76,14 @@ def test_the_critical_task_is_the_one_of_the_highest_weight(story):
             assert max(weights, key=lambda task: weights[task]) == CRITICAL[context["name"]]
             assert not context["tasks"][CRITICAL[context["name"]]].get("suspend")
     assert {task["name"] for task in spec["tasks"] if task.get("protected")} == set(PROTECTED)
+
+
+@pytest.mark.parametrize("story", [HELD_OUT[0], PAPER[0]], ids=lambda story: story.policy)
+def test_most_of_a_slow_processor_is_left_to_what_moves(story):
+    """Floors that take up a load's capacity would leave nothing to contexts: they are of what is needed, with room."""
+    spec = yaml.safe_load(story.policy_file.read_text(encoding="utf-8"))["spec"]
+    left = 2000 - parse_cpu(Capacity(1, 0.25).reserve(2))
+    assert sum(parse_cpu(task.get("min", "0")) for task in spec["tasks"]) <= left / 2
 
 
 def test_nothing_is_tuned_on_what_is_held_out():
