@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from statistics import median
+from statistics import fmean, median
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
@@ -30,7 +30,7 @@ ROOM = 0.9
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
 no division can keep a goal, and nothing is learned from a miss."""
 NEARLY_ALL = 0.9
-"""Part of a context's seconds."""
+"""Part of a context's stretches of two seconds: of what comes 1.5 times a second one second has one, the next two."""
 FAIR = 0.98
 """What a task has to hit alone for its deadline to be fair."""
 LONGER = 2
@@ -57,14 +57,15 @@ def _resting(used: Sequence[int]) -> float:
 
 
 def neediest(runs: Sequence[Run]) -> dict[str, float]:
-    """Cores that each context's critical task and the protected ones want together, in nearly all of its seconds."""
+    """Cores that each context's critical task and the protected ones want together, nearly all of its time."""
     found: dict[str, list[float]] = {}
     for run in runs:
         wanted, about = {task: _by_second(run, task) for task in run.schedule.inputs}, contexts(run.schedule)
         for window in run.schedule.windows:
             own = {about.get(window.name), *PROTECTED} & wanted.keys()
-            for second in range(math.ceil(window.begin), math.floor(window.end)) if window.name in about else ():
-                found.setdefault(window.name, []).append(sum(wanted[task][second] for task in own))
+            for at in range(math.ceil(window.begin), math.floor(window.end) - 1) if window.name in about else ():
+                both = fmean(sum(wanted[task][second] for task in own) for second in (at, at + 1))
+                found.setdefault(window.name, []).append(both)
     return {context: sorted(every)[math.ceil(NEARLY_ALL * len(every)) - 1] for context, every in found.items()}
 
 

@@ -53,9 +53,12 @@ def test_no_context_wants_more_for_its_critical_and_the_protected_tasks_than_the
     assert capacity("heavy", wanted, 2, least=0.36) == (1, 0.4)  # as many as nine tenths of it
 
 
-def test_what_a_context_needs_is_that_of_nearly_all_of_its_seconds():
-    """SLAM's ten inputs are a second apart; two of the five while it drives cost more than the rest."""
-    costs = [0.1, 0.1, 0.3, 0.3, 0.1, *[0.02] * 5]
+def test_what_a_context_needs_is_that_of_nearly_all_of_its_time():
+    """SLAM's ten inputs are a second apart; two of the five while it drives cost more than the rest.
+
+    Of what comes every 0.7 s one second has one, the next has two: so two of them count together.
+    """
+    costs = [0.1, 0.1, 0.1, 0.2, 0.4, *[0.02] * 5]
     slam = Column("d" * 10, [500] * 10, [round(cost * 100_000) for cost in costs])
     one = alone()
     about = {**one.record.about, "cpu": {"slam": 1.3, "speech": 0.32}}
