@@ -79,6 +79,16 @@ def _by_second(run: Run, task: str) -> list[float]:
     return found
 
 
+def of_load(load: str, runs: Sequence[Run], cores: int) -> Capacity:
+    """What makes a load of the tasks of these runs, in which each was alone."""
+    return capacity(load, demand(runs), cores, max(neediest(runs).values()))
+
+
+def asked(runs: Sequence[Run], there: Capacity) -> float:
+    """What all tasks want, as a part of what there is."""
+    return round(sum(demand(runs).values()) / (there.processors * there.part), 2)
+
+
 def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 0.0) -> Capacity:
     """What makes a load: the fewest processors that are enough, slowed as far as it takes.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from statistics import fmean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending
@@ -23,6 +23,28 @@ if TYPE_CHECKING:
 
 APART = dt.timedelta(hours=2)
 """Between a block's first run and its last: it was interrupted, and is none of a single day any more."""
+
+
+def calibrated(frozen: Mapping[str, Any]) -> str:
+    """What each task wants and keeps alone, the static weights that were found, and what contexts need."""
+    tuned = {gated: frozen.get("tuned", {}).get(gated, {}).get("weights", {}) for gated in ("ungated", "gated")}
+    rows = [
+        [
+            task,
+            short(cores),
+            f"{1000 * frozen['deadlines'][task]:.0f} ms",
+            f"{100 * frozen['solo'][task]:.1f} %",
+            *(_weight(weights, task) for weights in tuned.values()),
+        ]
+        for task, cores in frozen["wanted"].items()
+    ]
+    head = ["task", "cores wanted", "deadline", "kept alone", "static weight", "static weight, gated"]
+    needs = ", ".join(f"{context} {short(cores)}" for context, cores in frozen["needs"].items())
+    return f"{table(head, rows)}\nCores that critical and protected tasks want together, by context: {needs}.\n"
+
+
+def _weight(weights: Mapping[str, int], task: str) -> str:
+    return f"{weights[task]} ({100 * weights[task] / sum(weights.values()):.0f} %)" if task in weights else NONE
 
 
 def endings(evidence: Evidence, load: str) -> str:

@@ -57,9 +57,9 @@ class Preparation:
         whole = Setting(Capacity(cores, 1.0), own)
         alone, papers = self._alone(whole, TUNING), self._alone(whole, [STORIES[MIDDLE]])
         wanted, needs = calibration.demand(alone), calibration.neediest(alone)
-        loads = {load: calibration.capacity(load, wanted, cores, max(needs.values())) for load in (LIGHT, HEAVY)}
-        least = max(calibration.neediest(papers).values())
-        loads[PAPERS_LOAD] = calibration.capacity(PAPERS_LOAD, calibration.demand(papers), cores, least)
+        runs = {LIGHT: alone, HEAVY: alone, PAPERS_LOAD: papers}
+        loads = {load: calibration.of_load(load, every, cores) for load, every in runs.items()}
+        asked = {load: calibration.asked(every, loads[load]) for load, every in runs.items()}
         shared = ", ".join(f"{name} {capacity}" for name, capacity in loads.items())
         self._progress.say(f"wanted: {_words(wanted, 'cores')}; processors: {shared}")
         self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'cores')}")
@@ -69,8 +69,8 @@ class Preparation:
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
         self._progress.say(f"deadlines: {_words(deadlines, 's')}; kept alone: {_words(solo)}")
         date = dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds")
-        found = {"wanted": wanted, "needs": needs, "loads": loads, "deadlines": deadlines, "solo": solo}
-        return {"date": date, **found}
+        found = {"wanted": wanted, "needs": needs, "loads": loads, "asked": asked}
+        return {"date": date, **found, "deadlines": deadlines, "solo": solo}
 
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
         """The static weights that the search found, and what it tried."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import detail_tables, pictures, tables
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
-from timelines.experiments.calibration import LOADS
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, WEIGHTS, WEIGHTS_GATED
+from timelines.experiments.cpu_account import SLOWING
 from timelines.experiments.goals import GOALS, SIGNIFICANT, Goal
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.verdicts import judged, verdicts
@@ -98,11 +99,22 @@ def _machine(evidence: Evidence) -> str:
     if not loads:
         used = sorted({f"{one.load} load: {Capacity(*one.about['capacity'])}" for one in every})
         return f"{words[0]} **Nothing was calibrated: a quick look** ({', '.join(used)}).\n"
-    shared = (f"{load} load ({LOADS[load]:g}): {Capacity(*own)}" for load, own in loads.items())
-    words.append(f"The tasks share, in processors and the part of each that is left: {', '.join(shared)}.")
-    alone = ", ".join(f"{task} {value:.1%}" for task, value in evidence.frozen["solo"].items())
+    asked = evidence.frozen["asked"]
+    shared = (
+        f"{load} load: {asked[load]:g} times what there is, {_capacity(every, load, *own)}"
+        for load, own in loads.items()
+    )
+    words.append(f"Asked of the processors, and how many there are of which part is left: {'; '.join(shared)}.")
+    alone = ", ".join(f"{task} {100 * value:.1f} %" for task, value in evidence.frozen["solo"].items())
     words.append(f"Hit rates of each task alone when deadlines were frozen: {alone}.")
     return " ".join(words) + "\n"
+
+
+def _capacity(every: Sequence[Record], load: str, processors: int, part: float) -> str:
+    """What the tasks should share, and what what slows the processors really left of each, by its own clock."""
+    own = [one.about for one in every if one.load == load]
+    left = [1 - about["cpu"][SLOWING] / (processors * about["seconds"]) for about in own]
+    return f"{Capacity(processors, part)}{f' (measured: {fmean(left):.3f})' if left else ''}"
 
 
 def _code(every: Sequence[Record]) -> str:
@@ -153,6 +165,9 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
 
 def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Iterator[str]:
     yield "# Details of the experiments\n"
+    if "loads" in evidence.frozen:
+        yield "## What was calibrated, and then frozen\n"
+        yield detail_tables.calibrated(evidence.frozen)
     for load in (HEAVY, LIGHT, PAPERS_LOAD):
         if tables.runs_of(evidence, load):
             yield f"## {load.capitalize()} load\n"

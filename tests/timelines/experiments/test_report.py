@@ -47,6 +47,17 @@ def test_it_says_which_code_was_run(text, tmp_path):
     assert "Code: commits abc1234 (1 run), def5678 and changes (1 run)." in mixed
 
 
+def test_it_says_how_much_the_tasks_want_of_what_there_is_and_how_slow_it_was(text):
+    assert "heavy load: 1.21 times what there is, 1 x 0.8 (measured: 0.900)" in text  # one second of ten is taken
+    assert "light load: 0.7 times what there is, 2 x 0.8;" in text  # nothing was run under it
+
+
+def test_the_details_have_what_was_calibrated(out):
+    details = (out / "details.md").read_text(encoding="utf-8")
+    assert "| slam | 0.25 | 100 ms | 100.0 % | 120 (14 %) | 16 (50 %) |" in details
+    assert "drive 0.31" in details
+
+
 def test_the_details_have_every_ending_and_the_onsets(out):
     details = (out / "details.md").read_text(encoding="utf-8")
     assert "| slam | context weights, gated | 10 | 50.0 | 0.0 | 0.0 | 50.0 | 0.0 | 100.0 |" in details
