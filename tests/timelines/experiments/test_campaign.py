@@ -19,7 +19,7 @@ from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
-from timelines.experiments.prepare import OutOfTimeError, Preparation
+from timelines.experiments.prepare import OutOfTimeError, Preparation, settings
 from timelines.experiments.record import RecordError, block, packed
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
@@ -226,6 +226,32 @@ def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
     write_frozen(tmp_path, {"loads": {"heavy": Capacity(1, 0.4)}})
     assert read_frozen(tmp_path) == {"loads": {"heavy": [1, 0.4]}}
     assert json.loads((tmp_path / "frozen.json").read_text(encoding="utf-8"))
+
+
+class Anywhere(Bench):
+    """Runs nothing, under whatever load is wanted."""
+
+    def _do(self, place, trial, setting, weights):
+        super()._do(place, trial, setting, weights)
+        record = a_run(trial.configuration.name, block=trial.block)
+        kept = replace(record, about={**record.about, "capacity": list(setting.capacity)})
+        self._file(place, trial).write_bytes(packed(kept.as_json()))
+
+
+def test_loads_and_deadlines_follow_from_each_task_alone(monkeypatch, tmp_path):
+    """SLAM wants 0.15 of a core and speech 0.025; while it drives SLAM wants 0.15 of them."""
+    monkeypatch.setattr(prepare, "own_deadlines", lambda: {"slam": 0.1, "speech": 1.0})
+    monkeypatch.setattr(installation, "cores", lambda: 2)
+    lines = Lines()
+    found = Preparation(Anywhere(tmp_path), lines, lambda _: True).calibrated()
+    assert found["wanted"] == pytest.approx({"slam": 0.15, "speech": 0.025})
+    assert found["needs"]["drive"] == pytest.approx(0.15)
+    assert found["loads"] == {"light": (1, 0.25), "heavy": (1, 0.167), "paper": (1, 0.167)}  # 0.15 is nine tenths of it
+    assert found["asked"] == {"light": 0.7, "heavy": 1.05, "paper": 1.05}
+    assert (found["deadlines"], found["solo"]) == ({"slam": 0.1, "speech": 1.0}, {"slam": 1.0, "speech": 1.0})
+    assert "wanted by critical and protected tasks: drive 0.15 cores, talk 0.025 cores" in lines.said
+    write_frozen(tmp_path, found)
+    assert settings(read_frozen(tmp_path))["heavy"].capacity == Capacity(1, 0.167)
 
 
 class Prepares(Preparation):
