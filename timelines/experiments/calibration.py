@@ -47,7 +47,7 @@ def _wanted(run: Run, task: str) -> float:
     length, about, ended = run.schedule.duration, run.record.about, run.ended(task)
     done = [one.cpu for one in ended if one.cpu is not None]
     left_out = math.fsum(done) * (len(ended) / len(done) - 1) if done else 0.0
-    own = about["cpu"][task] - _resting(run.record.used[task]) * (about["seconds"] - length)
+    own: float = about["cpu"][task] - _resting(run.record.used[task]) * (about["seconds"] - length)
     return (own + left_out) / length
 
 
@@ -62,9 +62,11 @@ def neediest(runs: Sequence[Run]) -> dict[str, float]:
     for run in runs:
         wanted, about = {task: _by_second(run, task) for task in run.schedule.inputs}, contexts(run.schedule)
         for window in run.schedule.windows:
-            own = {about.get(window.name), *PROTECTED} & wanted.keys()
-            for at in range(math.ceil(window.begin), math.floor(window.end) - 1) if window.name in about else ():
-                both = fmean(sum(wanted[task][second] for task in own) for second in (at, at + 1))
+            if window.name not in about:
+                continue
+            own = [wanted[task] for task in {about[window.name], *PROTECTED} if task in wanted]
+            for at in range(math.ceil(window.begin), math.floor(window.end) - 1):
+                both = fmean(math.fsum(task[second] for task in own) for second in (at, at + 1))
                 found.setdefault(window.name, []).append(both)
     return {context: sorted(every)[math.ceil(NEARLY_ALL * len(every)) - 1] for context, every in found.items()}
 

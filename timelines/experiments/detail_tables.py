@@ -150,13 +150,9 @@ def _mixed(every: Iterable[Record]) -> Iterator[str]:
     for one in every:
         blocks.setdefault((part_of(one.load, one.configuration), one.load, one.block), []).append(one)
     for (_, load, block), own in sorted(blocks.items()):
-        codes, kernels, processors = (
-            sorted({str(get(one.about)) for one in own})
-            for get in (
-                lambda it: it["code"],
-                lambda it: it["machine"]["kernel"],
-                lambda it: it["machine"]["processor"],
-            )
+        codes = sorted({str(one.about["code"]) for one in own})
+        kernels, processors = (
+            sorted({str(one.about["machine"][what]) for one in own}) for what in ("kernel", "processor")
         )
         dates = sorted(dt.datetime.fromisoformat(one.about["date"]) for one in own)
         if max(len(codes), len(kernels), len(processors)) > 1 or dates[-1] - dates[0] > APART:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from statistics import fmean, median
 from typing import TYPE_CHECKING
 
@@ -54,7 +55,8 @@ def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] |
 
 def used(runs: Sequence[Run], containers: Iterable[str]) -> float:
     """CPU seconds of containers, the median over runs."""
-    return median(sum(run.record.about["cpu"].get(name, 0.0) for name in containers) for run in runs)
+    names = list(containers)
+    return median(math.fsum(run.record.about["cpu"].get(name, 0.0) for name in names) for run in runs)
 
 
 def used_by_all_else(runs: Sequence[Run]) -> float:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 NONE = "-"
-_WORDS = {True: "met", False: "**missed**"}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -64,7 +63,9 @@ def goals(found: Iterable[Verdict]) -> str:
 
 
 def _word(found: Verdict) -> str:
-    return _WORDS.get(found.met, "too few blocks") if found.cases else "not measured"
+    if found.met is None:
+        return "too few blocks" if found.cases else "not measured"
+    return "met" if found.met else "**missed**"
 
 
 def gain(found: Interval) -> str:
