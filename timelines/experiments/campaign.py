@@ -47,6 +47,7 @@ class Campaign:
         self._bench, self._settings, self._tuned, self._progress = bench, settings, tuned, progress
         self._in_a_row = 0
         self._given_up: set[tuple[str, str]] = set()
+        self._cells: dict[str, frozenset[tuple[str, str]]] = {}
 
     @property
     def failed(self) -> bool:
@@ -114,7 +115,13 @@ class Campaign:
                 self._keep(group, trials, commit=commit)
 
     def _has(self, trial: Trial) -> bool:
-        return self._bench.has(trial.group, trial) or _cell(trial) in self._kept(trial.group)
+        return self._bench.has(trial.group, trial) or _cell(trial) in self._cells_of(trial.group)
+
+    def _cells_of(self, group: str) -> frozenset[tuple[str, str]]:
+        """What a block's file has, which is large: it is read once."""
+        if group not in self._cells:
+            self._cells[group] = frozenset(self._kept(group))
+        return self._cells[group]
 
     def _kept(self, group: str) -> Mapping[tuple[str, str], Record]:
         """What a block's file has, by story and configuration."""
@@ -136,6 +143,7 @@ class Campaign:
         path = self._path(group)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, block(found.values()))
+        self._cells[group] = frozenset(found)
         failed = commit_folder(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
         if failed:  # the block is kept, and the next commit has it
             self._progress.say(failed)

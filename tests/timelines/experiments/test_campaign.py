@@ -13,14 +13,14 @@ import pytest
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
-from timelines.experiments import installation, prepare
+from timelines.experiments import campaign, installation, prepare
 from timelines.experiments.blocks import HEAVY, trials
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
 from timelines.experiments.prepare import OutOfTimeError, Preparation, settings
-from timelines.experiments.record import RecordError, block, packed
+from timelines.experiments.record import RecordError, block, packed, records
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
 CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
@@ -166,6 +166,20 @@ def test_a_run_that_is_kept_is_not_repeated_where_its_recording_is_gone(tmp_path
     assert said == [f"nothing is left to run: delete {tmp_path / 'raw'} and {tmp_path / 'data'} to begin again"]
     assert again.done == []
     assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_block_is_read_once_to_see_what_is_done(monkeypatch, tmp_path):
+    run(Bench(tmp_path))
+    shutil.rmtree(tmp_path / "raw")
+    read: list[int] = []
+
+    def counted(data):
+        read.append(len(data))
+        return records(data)
+
+    monkeypatch.setattr(campaign, "records", counted)
+    run(Bench(tmp_path))
+    assert len(read) == 2  # blocks, of which each has two runs
 
 
 def test_a_configuration_that_comes_later_joins_its_block(tmp_path):
