@@ -26,9 +26,9 @@ LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4}
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
-ROOM = 0.9
+ROOM = 0.85
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
-no division can keep a goal, and nothing is learned from a miss."""
+no division can keep a goal, and nothing is learned from a miss; and beside others an input takes a tenth more CPU."""
 NEARLY_ALL = 0.9
 """Part of a context's stretches of two seconds: of what comes 1.5 times a second one second has one, the next two."""
 FAIR = 0.98

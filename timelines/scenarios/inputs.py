@@ -161,7 +161,7 @@ def _arm(scenario: Scenario) -> Iterator[Entry]:
 def _followed(phase: Phase) -> Iterator[Entry]:
     """A camera's orders to follow something that circles slowly, inside of the arm's reach.
 
-    The camera knows of no phases: on average its first picture is half a period old when one begins.
+    The camera knows of no phases: on average its first picture comes half a period after one has begun.
     """
     for index in range(math.ceil((phase.end - phase.start) * phase.follows - 1e-9)):
         at = (index + 0.5) / phase.follows
