@@ -36,8 +36,8 @@ def test_modules_pause_and_resume_with_a_dry_runs_plans(join):
     decided: Queue[Decision] = Queue()
     with join("operator") as operator, join("module") as viewer, join("module") as module:
         listener = PlanListener(module, "slam", decided.put, lambda work: work, key=KEY)
-        Matching(viewer.declare_publisher(KEY)).wait(expected=True)
-        publisher = operator.declare_publisher(PLAN)
+        publisher, relayed = operator.declare_publisher(PLAN), viewer.declare_publisher(KEY)
+        Matching(relayed).wait(expected=True)
         with Gate(viewer):
             Matching(publisher).wait(expected=True)
             publisher.put(plan(1, suspended=True))
