@@ -157,10 +157,17 @@ def _cell(trial: Trial) -> tuple[str, str]:
 
 
 def commit_folder(data: Path, message: str) -> str:
-    """Commit what is in a folder, and nothing else; returns what git refuses, else nothing."""
-    for command in (["add", "--", str(data)], ["commit", "--quiet", "--message", message, "--", str(data)]):
-        words = ["git", "-C", str(deploy.REPOSITORY), *command]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return f"git {' '.join(command)}\n{done.stderr or done.stdout}"
-    return ""
+    """Commit what has changed in a folder, and nothing else; returns what git refuses, else nothing."""
+    added = _git("add", "--", str(data))
+    if added.returncode or not _git("diff", "--cached", "--quiet", "--", str(data)).returncode:
+        return _refused(added)
+    return _refused(_git("commit", "--quiet", "--message", message, "--", str(data)))
+
+
+def _git(*words: str) -> subprocess.CompletedProcess[str]:
+    command = ["git", "-C", str(deploy.REPOSITORY), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def _refused(done: subprocess.CompletedProcess[str]) -> str:
+    return f"{' '.join(done.args)}\n{done.stderr or done.stdout}" if done.returncode else ""

@@ -38,6 +38,8 @@ THREATS = """\
 - One machine, one kernel and one version of cgroups; the blocks ran within days of each other.
 - Each task's own hit rate alone comes from few runs, and counts as known.
 - A wheel command ends where navigation has written it; the motors' own delay is not in it.
+- Loads follow from what each task takes alone; beside others the same input takes more.
+- A VerticalPodAutoscaler decides about once a minute, and a story takes no longer.
 - Weights were tuned on stories of the same kind as those that are held out.
 """
 REPEAT = """\

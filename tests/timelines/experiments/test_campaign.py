@@ -6,11 +6,13 @@ import json
 import lzma
 import pathlib
 import shutil
+import subprocess
 from dataclasses import replace
 
 import pytest
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
+from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
 from timelines.experiments import campaign, installation, prepare
@@ -374,9 +376,26 @@ def test_an_unknown_story_or_configuration_is_refused(capsys):
     assert "linux-gated" in refused
 
 
+def test_only_the_data_is_committed_and_nothing_where_nothing_changed(monkeypatch, tmp_path):
+    monkeypatch.setattr(deploy, "REPOSITORY", tmp_path)
+    for name, value in (("GIT_AUTHOR_NAME", "a"), ("GIT_COMMITTER_NAME", "a"), ("EMAIL", "a@example.org")):
+        monkeypatch.setenv(name, value)
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    (tmp_path / "data").mkdir()
+    for name in ("code.py", "data/block"):
+        (tmp_path / name).write_text("1", encoding="utf-8")
+    subprocess.run(["git", "-C", str(tmp_path), "add", "code.py"], check=True)
+    for _ in range(2):
+        assert campaign.commit_folder(tmp_path / "data", "Keep a block") == ""
+    log = ["git", "-C", str(tmp_path), "log", "--format=%s", "--name-only"]
+    assert subprocess.run(log, capture_output=True, text=True, check=True).stdout.split("\n\n") == [
+        "Keep a block", "data/block\n"
+    ]  # fmt: skip
+
+
 def test_runs_go_on_where_git_refuses_to_commit(tmp_path):
     bench, lines = Bench(tmp_path), Lines()
     made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {False: {}, True: {}}, lines)
     assert made.run(CHOSEN, until=lambda _: True, commit=True) == 0  # the folder is outside of the repository
     assert len(bench.done) == len(CHOSEN)
-    assert any(line.startswith("git add") for line in lines.said)
+    assert any(line.startswith("git ") and " add -- " in line for line in lines.said)
