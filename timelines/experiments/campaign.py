@@ -74,7 +74,7 @@ class Campaign:
         for number, trial in enumerate(missing):
             if self._is_given_up(trial):
                 continue
-            if not until(seconds_left(self._bench.took, [trial])):
+            if not until(seconds_left(self._bench.took, self._next(missing, number))):
                 break
             minutes = seconds_left(self._bench.took, missing[number:]) / 60
             self._progress.say(f"[{number + 1}/{len(missing)}, {minutes:.0f} min left] {trial}")
@@ -82,6 +82,15 @@ class Campaign:
             self._keep(trial.group, trials, commit=commit)
         self._keep_what_was_lost(trials, commit=commit)
         return sum(not self._has(trial) for trial in missing)
+
+    def _next(self, missing: Sequence[Trial], number: int) -> list[Trial]:
+        """What has to end in time for this run to begin: itself, and all of its block where that is not begun yet.
+
+        What differs within a block should be the configuration, and not the day. A call's first run begins in any case.
+        """
+        rest = [trial for trial in missing[number:] if trial.group == missing[number].group]
+        begun = not number or missing[number - 1].group == missing[number].group
+        return rest[:1] if begun else rest
 
     def _keep_what_is_due(self, trials: Sequence[Trial]) -> None:
         """Write what is due in each story; RecordError before anything is run if it has changed since."""

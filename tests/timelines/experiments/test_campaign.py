@@ -16,7 +16,7 @@ from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
 from timelines.experiments import campaign, installation, prepare
-from timelines.experiments.blocks import HEAVY, trials
+from timelines.experiments.blocks import HEAVY, START, trials
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
@@ -144,6 +144,22 @@ def test_nothing_is_begun_that_would_end_too_late(tmp_path):
     left, _ = run(bench, until=lambda _: len(bench.done) < 3)
     assert left == 1
     assert len(bench.done) == 3
+
+
+def test_a_block_is_begun_only_where_all_of_it_will_end_in_time(tmp_path):
+    asked: list[float] = []
+
+    def until(seconds):
+        asked.append(round(seconds))
+        return True
+
+    run(Bench(tmp_path), until=until)
+    one = 60 + round(START)
+    assert asked == [one, one, 2 * one, one]  # whatever is left of a call is enough for its first run
+    bench = Bench(tmp_path / "short")
+    left, _ = run(bench, until=lambda seconds: seconds < 2 * one)
+    assert left == 2
+    assert {block for _, block, *_ in bench.done} == {0}
 
 
 def test_a_block_whose_file_was_lost_is_written_again(tmp_path):
