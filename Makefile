@@ -83,7 +83,7 @@ soak: images  ## the router killed 20 times; contexts, pods, killed parts and tr
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)
 
-experiments: images recordings  ## compare ways to divide the CPU on a real, quiet node (EXP=exp3 REPEATS=1 for a quick look, MINUTES=110 for a piece); goes on where it stopped
+experiments: images recordings  ## compare ways to divide the CPU on a real, quiet node (EXP=exp3 REPEATS=1 for a quick look); goes on where it stopped
 	mkdir -p build/experiments/timelines
 	$(if $(call chosen,$(STORIES)),$(PYTHON) -m timelines.scenarios $(patsubst %,timelines/experiments/stories/%.yaml,$(call chosen,$(STORIES))) --record --out build/experiments/timelines)
 	$(if $(call chosen,$(PAPER)),$(PYTHON) -m timelines.datasets $(foreach name,$(call chosen,$(PAPER)),$(name) speech/$(name) signs/$(name)))

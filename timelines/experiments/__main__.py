@@ -171,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
         help=", ".join(CONFIGURATIONS),
     )
     parser.add_argument(
-        "--minutes", type=float, default=float("inf"), help="begin no block that would end later than that"
+        "--minutes", type=float, default=float("inf"), help="begin no run that would end later than that"
     )
     parser.add_argument("--commit", action="store_true", help="commit each block's data as it ends")
     parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="recordings of runs (build/experiments)")

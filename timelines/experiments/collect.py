@@ -31,12 +31,12 @@ FEW = 10
 
 def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, Accuracy]) -> Record:
     """The record of a run; DeployError if not all that was due was published, or what was decided was not heeded."""
+    _check_decisions(trial, run, schedule)
+    _check_log(trial, run, schedule)
     for key in _taken(schedule):
         published, due = len(run.published.get(key, ())), len(schedule.keys[key])
         if published != due:
             raise DeployError(f"{trial}: {published} inputs on {key}, {due} were due")
-    _check_decisions(trial, run, schedule)
-    _check_log(trial, run, schedule)
     return Record(
         load=trial.load,
         story=trial.story.name,

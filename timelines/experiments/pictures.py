@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from contextpolicy.explain.task_colors import task_colors
 from contextpolicy.simulation.drawing import INK, STYLE, draw_shares
@@ -94,11 +93,8 @@ def _curves(panel: Any, found: Mapping[str, Sequence[Run]], context: str, task: 
             panel.step([1000 * one for one in times], heights, COMPARED[name], where="post", label=label, color=color)
     if deadline:
         panel.axvline(1000 * deadline, color=INK, linewidth=0.8)
-        left = {"xytext": (-3, 0), "textcoords": "offset points", "ha": "right"}  # there is nothing right of most
-        panel.annotate("deadline", (1000 * deadline, 3), fontsize=7, **left)
+        panel.annotate("deadline", (1000 * deadline, 3), xytext=(3, 0), textcoords="offset points", fontsize=7)
     panel.set_xscale("log")
-    panel.xaxis.set_major_formatter("{x:g}")
-    panel.xaxis.set_minor_formatter(NullFormatter())  # where a panel has few decades they would overlap
     panel.set_title(f"{context}: {task}", fontsize=9)
     panel.set_xlabel("ms")
     _plain(panel, "both")
