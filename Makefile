@@ -87,7 +87,7 @@ experiments: images recordings  ## compare ways to divide the CPU on a real, qui
 	mkdir -p build/experiments/timelines
 	$(if $(call chosen,$(STORIES)),$(PYTHON) -m timelines.scenarios $(patsubst %,timelines/experiments/stories/%.yaml,$(call chosen,$(STORIES))) --record --out build/experiments/timelines)
 	$(if $(call chosen,$(PAPER)),$(PYTHON) -m timelines.datasets $(foreach name,$(call chosen,$(PAPER)),$(name) speech/$(name) signs/$(name)))
-	$(CLUSTER) exec -- $(PYTHON) -m timelines.experiments $(EXP) $(if $(REPEATS),--blocks $(REPEATS)) $(if $(COMMIT),--commit)
+	$(CLUSTER) exec -- $(PYTHON) -m timelines.experiments $(EXP) $(if $(REPEATS),--blocks $(REPEATS)) $(if $(MINUTES),--minutes $(MINUTES)) $(if $(COMMIT),--commit)
 
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine

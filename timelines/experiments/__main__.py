@@ -11,7 +11,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -25,7 +25,7 @@ from timelines.experiments.calibration import LOADS
 from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
-from timelines.experiments.prepare import Preparation, name, settings, tuned_weights
+from timelines.experiments.prepare import OutOfTimeError, Preparation, name, settings, tuned_weights
 from timelines.experiments.record import RecordError
 from timelines.experiments.report import write_report
 from timelines.experiments.stories import HELD_OUT, PAPER
@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from timelines.experiments.workbench import Setting
 
 OUT = deploy.REPOSITORY / "build" / "experiments"
-RESULTS = deploy.REPOSITORY / "timelines" / "results"
-DATA = RESULTS / "data"
+DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
 REPORTED = [story.name for story in (*HELD_OUT, *PAPER)]
 console = Console() if sys.stdout.isatty() else Console(width=120)  # a pipe has no width, and 80 would cut lines
 
@@ -53,8 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raw, options.data or (raw / "data" if quick else DATA), options.datasets, options.out / "timelines"
     )
     ran = options.report_only or _succeeds(lambda: _run(options, Workbench(folders), quick=quick))
-    kept = options.commit and not quick
-    reported = _succeeds(lambda: _report(folders.data, options.report or (RESULTS if kept else raw), commit=kept))
+    reported = _succeeds(lambda: _report(folders.data, options.report or raw))
     return 0 if ran and reported else 1
 
 
@@ -67,30 +65,31 @@ def _succeeds(step: Callable[[], bool]) -> bool:
         return False
 
 
-def _report(data: Path, out: Path, *, commit: bool) -> bool:
+def _report(data: Path, out: Path) -> bool:
     """Write the report, also where runs have failed: what was measured before is worth reading."""
     evidence = Evidence.read(data)
     if evidence.runs:
         Lines().say(f"report: {write_report(evidence, out)}")
-    failed = commit_folder(out, "Report the experiments") if commit and evidence.runs else ""
-    if failed:
-        Lines().say(failed)
     return True
 
 
 def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:
     """Run what is missing; False if a configuration had to be given up."""
-    data = bench.folders.data
+    data, until = bench.folders.data, _until(options.minutes)
     frozen = dict(read_frozen(DATA if quick else data))
     if not quick:
-        _prepare(Preparation(bench, Lines()), frozen, data)
+        try:
+            _prepare(Preparation(bench, Lines(), until), frozen, data, lambda what: _frozen(data, what, options))
+        except OutOfTimeError:
+            Lines().say("not all is prepared: the same command goes on with it")
+            return True
     elif frozen:
         write_frozen(data, frozen)
     found = settings(frozen)
     chosen = list(trials(stories=options.stories, only=options.only, loads=options.loads, most=options.blocks))
     campaign = Campaign(bench, found, tuned_weights(frozen), Lines())
     able = _able(campaign, chosen, found)
-    left = campaign.run(able, until=_until(options.minutes), commit=options.commit)
+    left = campaign.run(able, until=until, commit=options.commit)
     if left:
         Lines().say(f"{left} runs are left: run the same command again to continue")
     return not campaign.failed
@@ -108,19 +107,29 @@ def _able(campaign: Campaign, chosen: Sequence[Trial], found: Mapping[str, Setti
     return able
 
 
-def _prepare(preparation: Preparation, frozen: dict[str, object], data: Path) -> None:
-    """Find out what is missing, and keep each finding at once."""
+def _prepare(preparation: Preparation, frozen: dict[str, Any], data: Path, kept: Callable[[str], None]) -> None:
+    """Find out what is missing, and keep each finding at once; `kept` hears what it was."""
     if "loads" not in frozen:
         frozen |= preparation.calibrated()
         write_frozen(data, frozen)
+        kept("loads and deadlines")
     for gated in (False, True):
         tuned = frozen.setdefault("tuned", {})
-        if isinstance(tuned, dict) and name(gated=gated) not in tuned:
+        if name(gated=gated) not in tuned:
             tuned[name(gated=gated)] = preparation.tuned(frozen, gated=gated)
             write_frozen(data, frozen)
+            kept(f"static weights, {name(gated=gated)}")
     if "predicted" not in frozen:
         frozen["predicted"] = preparation.predicted(frozen)
         write_frozen(data, frozen)
+        kept("predictions")
+
+
+def _frozen(data: Path, what: str, options: argparse.Namespace) -> None:
+    """Commit a finding, which takes half an hour to find out again."""
+    failed = commit_folder(data, f"Freeze {what} of the experiments") if options.commit else ""
+    if failed:
+        Lines().say(failed)
 
 
 def _until(minutes: float) -> Callable[[float], bool]:

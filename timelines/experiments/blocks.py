@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 SEED = 20_261_126
 LIGHT, HEAVY, PAPERS_LOAD = "light", "heavy", "paper"
 """The loads; the paper's stories ask for less at a time, and have a heavy one of their own."""
-START = 30.0
-"""Seconds to start and stop the robot's pods, before any run has shown it."""
+START = 17.0
+"""Seconds to start and stop the robot's pods and to wait until all is quiet, before any run has shown it."""
 ALONE_BLOCKS = 2
-"""How often each task is run alone: nothing contends with it, so its runs hardly differ."""
+"""How often each task is run alone where goals compare with it: nothing contends with it, so its runs hardly differ."""
 TASKS = 6
 """Tasks that are played one after the other where each is alone."""
 
@@ -43,7 +43,7 @@ class Part(NamedTuple):
 PLAN: Sequence[Part] = (
     Part(HEAVY, HELD_OUT, (ALONE,), ALONE_BLOCKS),
     Part(HEAVY, HELD_OUT, FACTORS, 10),
-    Part(LIGHT, HELD_OUT, (ALONE,), ALONE_BLOCKS),
+    Part(LIGHT, HELD_OUT, (ALONE,), 1),
     Part(LIGHT, HELD_OUT, FIRST_LAW, 10),
     Part(HEAVY, HELD_OUT, ADAPTIVE, 3),
     Part(PAPERS_LOAD, PAPER, PAPERS, 3),
@@ -51,6 +51,15 @@ PLAN: Sequence[Part] = (
     Part(LIGHT, HELD_OUT, (REALTIME,), 3),
 )
 """In the order of what a claim needs first."""
+
+
+def part_of(load: str, configuration: str) -> int:
+    """The number of the part of which a run is."""
+    return next(
+        number
+        for number, part in enumerate(PLAN)
+        if part.load == load and configuration in {one.name for one in part.configurations}
+    )
 
 
 class Trial(NamedTuple):

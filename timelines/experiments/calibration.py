@@ -7,10 +7,14 @@ can't keep, which is no question of scheduling.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from statistics import fmean, median
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
 from timelines.experiments.capacity import Capacity
+from timelines.experiments.metrics import contexts
+from timelines.experiments.stories import PROTECTED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,6 +26,11 @@ LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4}
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
+ROOM = 0.85
+"""Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
+no division can keep a goal, and nothing is learned from a miss; and beside others an input takes a tenth more CPU."""
+NEARLY_ALL = 0.9
+"""Part of a context's stretches of two seconds: of what comes 1.5 times a second one second has one, the next two."""
 FAIR = 0.98
 """What a task has to hit alone for its deadline to be fair."""
 LONGER = 2
@@ -29,33 +38,74 @@ LONGER = 2
 
 
 def demand(runs: Sequence[Run]) -> dict[str, float]:
-    """Cores that each task wants, from runs in which each was alone: all of its inputs, and what it does besides."""
+    """Cores that each task wants while its inputs come, from runs in which each was alone."""
     return {task: sum(_wanted(run, task) for run in runs) / len(runs) for task in runs[0].schedule.inputs}
 
 
 def _wanted(run: Run, task: str) -> float:
-    ended = run.ended(task)
+    """What it used, without the rest of the time, in which the others' inputs came, and with all that it had to do."""
+    length, about, ended = run.schedule.duration, run.record.about, run.ended(task)
     done = [one.cpu for one in ended if one.cpu is not None]
-    if not done:
-        return 0.0
-    beside = max(run.record.used[task][-1] / 1000 - math.fsum(done), 0.0) / len(run.record.used[task])
-    return math.fsum(done) * len(ended) / len(done) / run.schedule.duration + beside
+    left_out = math.fsum(done) * (len(ended) / len(done) - 1) if done else 0.0
+    own: float = about["cpu"][task] - _resting(run.record.used[task]) * (about["seconds"] - length)
+    return (own + left_out) / length
 
 
-def capacity(load: str, wanted: Mapping[str, float], cores: int) -> Capacity:
+def _resting(used: Sequence[int]) -> float:
+    """Cores of a task that nobody asks anything, as in most of the seconds of such a run."""
+    return median(after - before for before, after in pairwise(used)) / 1000
+
+
+def neediest(runs: Sequence[Run]) -> dict[str, float]:
+    """Cores that each context's critical task and the protected ones want together, nearly all of its time."""
+    found: dict[str, list[float]] = {}
+    for run in runs:
+        wanted, about = {task: _by_second(run, task) for task in run.schedule.inputs}, contexts(run.schedule)
+        for window in run.schedule.windows:
+            if window.name not in about:
+                continue
+            own = [wanted[task] for task in {about[window.name], *PROTECTED} if task in wanted]
+            for at in range(math.ceil(window.begin), math.floor(window.end) - 1):
+                both = fmean(math.fsum(task[second] for task in own) for second in (at, at + 1))
+                found.setdefault(window.name, []).append(both)
+    return {context: sorted(every)[math.ceil(NEARLY_ALL * len(every)) - 1] for context, every in found.items()}
+
+
+def _by_second(run: Run, task: str) -> list[float]:
+    """Cores that a task wants in each second of the story: for the inputs that come in it, and for all else it does."""
+    ended = run.ended(task)
+    beside = _wanted(run, task) - math.fsum(one.cpu or 0.0 for one in ended) / run.schedule.duration
+    found = [beside] * math.ceil(run.schedule.duration)
+    for due, end in zip(run.schedule.of(task), ended, strict=True):
+        found[math.floor(due.at)] += end.cpu or 0.0
+    return found
+
+
+def of_load(load: str, runs: Sequence[Run], cores: int) -> Capacity:
+    """What makes a load of the tasks of these runs, in which each was alone."""
+    return capacity(load, demand(runs), cores, max(neediest(runs).values()))
+
+
+def asked(runs: Sequence[Run], there: Capacity) -> float:
+    """What all tasks want, as a part of what there is."""
+    return round(sum(demand(runs).values()) / (there.processors * there.part), 2)
+
+
+def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 0.0) -> Capacity:
     """What makes a load: the fewest processors that are enough, slowed as far as it takes.
 
-    All of them at full speed where the tasks want more than that.
+    It has room for `least`, what the neediest context's tasks want. All at full speed where the tasks want more.
     """
-    needed = sum(wanted.values()) / LOADS[load]
+    needed = max(sum(wanted.values()) / LOADS[load], least / ROOM)
     processors = min(max(math.ceil(needed), 1), cores)
     return Capacity(processors, round(min(1.0, max(SLOWEST, needed / processors)), 3))
 
 
 def deadline(own: float, ended: Sequence[Ended]) -> float:
-    """The task's own deadline, in seconds, doubled until it keeps it alone, LONGER times at most."""
-    for _ in range(LONGER):
-        if solo(own, ended) >= FAIR:
+    """The task's own deadline, in seconds, doubled until what it does alone is in time, LONGER times at most."""
+    done = [one for one in ended if one.response is not None]
+    for _ in range(LONGER if done else 0):
+        if solo(own, done) >= FAIR:
             break
         own *= 2
     return own

@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from timelines.demo.deploy import DeployError
+from timelines.experiments.cpu_account import machine_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,15 +20,8 @@ LOOK = 2.0
 PATIENCE = 180.0
 
 
-def busy_seconds() -> float:
-    """CPU seconds that the whole machine has spent on anything, user and kernel, since it was booted."""
-    with open("/proc/stat", encoding="ascii") as file:  # noqa: PTH123 - a file of the kernel
-        user, nice, system, _idle, _waiting, hard, soft, stolen, *_ = map(int, file.readline().split()[1:])
-    return (user + nice + system + hard + soft + stolen) / os.sysconf("SC_CLK_TCK")
-
-
 def wait_until_calm(
-    busy: Callable[[], float] = busy_seconds,
+    busy: Callable[[], float] = machine_seconds,
     sleep: Callable[[float], None] = time.sleep,
     cores: int = CORES,
 ) -> float:

@@ -47,6 +47,7 @@ class Campaign:
         self._bench, self._settings, self._tuned, self._progress = bench, settings, tuned, progress
         self._in_a_row = 0
         self._given_up: set[tuple[str, str]] = set()
+        self._cells: dict[str, frozenset[tuple[str, str]]] = {}
 
     @property
     def failed(self) -> bool:
@@ -65,6 +66,7 @@ class Campaign:
         A run that a block's file has is not repeated where its recording is gone, as after a new checkout. A
         configuration that fails is left out, so that the others are measured.
         """
+        self._keep_what_is_due(trials)
         missing = [trial for trial in trials if not self._has(trial)]
         if trials and not missing:
             folders = self._bench.folders
@@ -72,7 +74,7 @@ class Campaign:
         for number, trial in enumerate(missing):
             if self._is_given_up(trial):
                 continue
-            if not until(seconds_left(self._bench.took, [trial])):
+            if not until(seconds_left(self._bench.took, self._next(missing, number))):
                 break
             minutes = seconds_left(self._bench.took, missing[number:]) / 60
             self._progress.say(f"[{number + 1}/{len(missing)}, {minutes:.0f} min left] {trial}")
@@ -80,6 +82,21 @@ class Campaign:
             self._keep(trial.group, trials, commit=commit)
         self._keep_what_was_lost(trials, commit=commit)
         return sum(not self._has(trial) for trial in missing)
+
+    def _next(self, missing: Sequence[Trial], number: int) -> list[Trial]:
+        """What has to end in time for this run to begin: itself, and all of its block where that is not begun yet.
+
+        What differs within a block should be the configuration, and not the day. A call's first run begins in any case.
+        """
+        rest = [trial for trial in missing[number:] if trial.group == missing[number].group]
+        begun = not number or missing[number - 1].group == missing[number].group
+        return rest[:1] if begun else rest
+
+    def _keep_what_is_due(self, trials: Sequence[Trial]) -> None:
+        """Write what is due in each story; RecordError before anything is run if it has changed since."""
+        for load, story in {trial.story.name: (trial.load, trial.story) for trial in trials}.values():
+            due = self._bench.schedule(story, self._settings[load].deadlines)
+            write_schedule(self._bench.folders.data, story.name, due)
 
     def _attempt(self, trial: Trial, missing: Sequence[Trial]) -> None:
         """Do a run; DeployError or ContextPolicyError where another configuration failed just before."""
@@ -107,7 +124,13 @@ class Campaign:
                 self._keep(group, trials, commit=commit)
 
     def _has(self, trial: Trial) -> bool:
-        return self._bench.has(trial.group, trial) or _cell(trial) in self._kept(trial.group)
+        return self._bench.has(trial.group, trial) or _cell(trial) in self._cells_of(trial.group)
+
+    def _cells_of(self, group: str) -> frozenset[tuple[str, str]]:
+        """What a block's file has, which is large: it is read once."""
+        if group not in self._cells:
+            self._cells[group] = frozenset(self._kept(group))
+        return self._cells[group]
 
     def _kept(self, group: str) -> Mapping[tuple[str, str], Record]:
         """What a block's file has, by story and configuration."""
@@ -120,7 +143,7 @@ class Campaign:
         return self._bench.record(trial.group, trial, setting, weights)
 
     def _keep(self, group: str, trials: Sequence[Trial], *, commit: bool) -> None:
-        """Write a block's file once all of its runs are done, and what was due in them, which may not change."""
+        """Write a block's file once all of its runs are done."""
         own = [trial for trial in trials if trial.group == group and not self._is_given_up(trial)]
         if not own or not all(self._has(trial) for trial in own):
             return
@@ -128,10 +151,8 @@ class Campaign:
         found = {**self._kept(group), **{_cell(trial): self._record(trial) for trial in done}}
         path = self._path(group)
         path.parent.mkdir(parents=True, exist_ok=True)
-        for story in {trial.story.name: trial.story for trial in own}.values():
-            due = self._bench.schedule(story, self._settings[own[0].load].deadlines)
-            write_schedule(self._bench.folders.data, story.name, due)
         write_whole(path, block(found.values()))
+        self._cells[group] = frozenset(found)
         failed = commit_folder(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
         if failed:  # the block is kept, and the next commit has it
             self._progress.say(failed)
@@ -145,10 +166,17 @@ def _cell(trial: Trial) -> tuple[str, str]:
 
 
 def commit_folder(data: Path, message: str) -> str:
-    """Commit what is in a folder, and nothing else; returns what git refuses, else nothing."""
-    for command in (["add", "--", str(data)], ["commit", "--quiet", "--message", message, "--", str(data)]):
-        words = ["git", "-C", str(deploy.REPOSITORY), *command]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return f"git {' '.join(command)}\n{done.stderr or done.stdout}"
-    return ""
+    """Commit what has changed in a folder, and nothing else; returns what git refuses, else nothing."""
+    added = _git("add", "--", str(data))
+    if added.returncode or not _git("diff", "--cached", "--quiet", "--", str(data)).returncode:
+        return _refused(added)
+    return _refused(_git("commit", "--quiet", "--message", message, "--", str(data)))
+
+
+def _git(*words: str) -> subprocess.CompletedProcess[str]:
+    command = ["git", "-C", str(deploy.REPOSITORY), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def _refused(done: subprocess.CompletedProcess[str]) -> str:
+    return f"{' '.join(done.args)}\n{done.stderr or done.stdout}" if done.returncode else ""

@@ -23,10 +23,16 @@ if TYPE_CHECKING:
     from timelines.experiments.raw_data import RunData
 
 FRAMES = "robot/camera/stereo"
+HEEDED = 0.5
+"""Seconds after which a suspended module has heard that it is, and has ended what it had in hand."""
+FEW = 10
+"""Inputs of which a part says nothing."""
 
 
 def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, Accuracy]) -> Record:
-    """The record of a run; DeployError if not everything that was due was published."""
+    """The record of a run; DeployError if not all that was due was published, or what was decided was not heeded."""
+    _check_decisions(trial, run, schedule)
+    _check_log(trial, run, schedule)
     for key in _taken(schedule):
         published, due = len(run.published.get(key, ())), len(schedule.keys[key])
         if published != due:
@@ -47,6 +53,28 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
         stops=list(_stops(run, schedule)),
         accuracy={task: _plain(one) for task, one in judged.items()},
     )
+
+
+def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
+    """DeployError where gating or contexts were only on paper: the run would count as something that it was not."""
+    if (trial.configuration.gated or trial.configuration.contextual) and not run.plans:
+        raise DeployError(f"{trial}: no plan was heard")
+    for task, own in schedule.inputs.items():
+        away = [(begin + HEEDED, end) for begin, end in run.away(task)]
+        for name, key in own.items():
+            inside = [one for one in run.published.get(key, ()) if any(a <= one / 1e9 < b for a, b in away)]
+            done = sum(one in run.done[task, name] for one in inside)
+            if len(inside) >= FEW and 2 * done > len(inside):
+                raise DeployError(f"{trial}: {task} did {done} of {len(inside)} inputs while it was suspended")
+
+
+def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:
+    """DeployError if inputs were done of which the recording does not know: they would count as lost."""
+    for task, own in schedule.inputs.items() if run.about["about"]["drained"] else ():
+        for name in own:
+            heard, done = len(run.done[task, name]), run.counted.get(task, {}).get(name, 0)
+            if heard < done:
+                raise DeployError(f"{trial}: {heard} inputs of {task} were heard of as done, {done} were done")
 
 
 def _column(run: RunData, schedule: Schedule, task: str, name: str) -> Column:

@@ -2,22 +2,49 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from statistics import fmean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending
-from timelines.experiments.blocks import HEAVY
+from timelines.experiments.blocks import HEAVY, part_of
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX
 from timelines.experiments.paired import bootstrap
 from timelines.experiments.tables import NONE, gain, percent, runs_of, short, table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from timelines.experiments.evidence import Evidence
     from timelines.experiments.metrics import Run
+    from timelines.experiments.record import Record
     from timelines.experiments.verdicts import Verdict
+
+APART = dt.timedelta(hours=2)
+"""Between a block's first run and its last: it was interrupted, and is none of a single day any more."""
+
+
+def calibrated(frozen: Mapping[str, Any]) -> str:
+    """What each task wants and keeps alone, the static weights that were found, and what contexts need."""
+    tuned = {gated: frozen.get("tuned", {}).get(gated, {}).get("weights", {}) for gated in ("ungated", "gated")}
+    rows = [
+        [
+            task,
+            short(cores),
+            f"{1000 * frozen['deadlines'][task]:.0f} ms",
+            f"{100 * frozen['solo'][task]:.1f} %",
+            *(_weight(weights, task) for weights in tuned.values()),
+        ]
+        for task, cores in frozen["wanted"].items()
+    ]
+    head = ["task", "cores wanted", "deadline", "kept alone", "static weight", "static weight, gated"]
+    needs = ", ".join(f"{context} {short(cores)}" for context, cores in frozen["needs"].items())
+    return f"{table(head, rows)}\nCores that critical and protected tasks want together, by context: {needs}.\n"
+
+
+def _weight(weights: Mapping[str, int], task: str) -> str:
+    return f"{weights[task]} ({100 * weights[task] / sum(weights.values()):.0f} %)" if task in weights else NONE
 
 
 def endings(evidence: Evidence, load: str) -> str:
@@ -96,13 +123,47 @@ def _hit(runs: Sequence[Run], task: str) -> float:
 
 
 def doubts(evidence: Evidence) -> str:
-    """A line for each run that was given up while inputs waited. Empty without any."""
-    runs = (one for blocks in evidence.runs.values() for one in blocks.values() if not one.about["drained"])
-    return "".join(
-        f"- {one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}: inputs"
-        " still waited when it was given up; it takes no part in comparisons of total times.\n"
-        for one in runs
-    )
+    """A line for whatever of the runs somebody could object to. Empty without any."""
+    every = [one for blocks in evidence.runs.values() for one in blocks.values()]
+    return "".join((*_given_up(every), *_begun_again(every), *_mixed(every)))
+
+
+def _given_up(every: Iterable[Record]) -> Iterator[str]:
+    for one in every:
+        if not one.about["drained"]:
+            yield (
+                f"- {_name(one)}: inputs still waited when it was given up; it takes no part in comparisons of"
+                " total times.\n"
+            )
+
+
+def _begun_again(every: Iterable[Record]) -> Iterator[str]:
+    for one in every:
+        if failures := one.about["failures"]:
+            reasons = "; ".join(dict.fromkeys(" ".join(reason.split()) for reason in failures))
+            yield f"- {_name(one)}: begun {len(failures) + 1} times: {reasons}.\n"
+
+
+def _mixed(every: Iterable[Record]) -> Iterator[str]:
+    """Blocks of which the runs differ in more than the configuration, or are hours apart."""
+    blocks: dict[tuple[int, str, int], list[Record]] = {}
+    for one in every:
+        blocks.setdefault((part_of(one.load, one.configuration), one.load, one.block), []).append(one)
+    for (_, load, block), own in sorted(blocks.items()):
+        codes = sorted({str(one.about["code"]) for one in own})
+        kernels, processors = (
+            sorted({str(one.about["machine"][what]) for one in own}) for what in ("kernel", "processor")
+        )
+        dates = sorted(dt.datetime.fromisoformat(one.about["date"]) for one in own)
+        if max(len(codes), len(kernels), len(processors)) > 1 or dates[-1] - dates[0] > APART:
+            yield (
+                f"- {load} load, block {block + 1}: its runs are not all alike: code {', '.join(codes)};"
+                f" kernel {', '.join(kernels)}; {', '.join(processors)}; {dates[0]:%F %H:%M} to {dates[-1]:%F %H:%M}.\n"
+            )
+
+
+def _name(one: Record) -> str:
+    return f"{one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}"
 
 
 def cases(verdict: Verdict) -> str:

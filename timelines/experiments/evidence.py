@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from timelines.experiments.configurations import ALONE
 from timelines.experiments.due import Schedule
 from timelines.experiments.metrics import Pair, Run
-from timelines.experiments.record import Record, RecordError, packed, records, unpacked
+from timelines.experiments.record import Record, RecordError, packed, records, unpacked, write_whole
 from timelines.experiments.stories import HELD_OUT
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def read_frozen(folder: Path) -> Mapping[str, Any]:
 def write_frozen(folder: Path, frozen: Mapping[str, Any]) -> None:
     """Keep it for people to read."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / FROZEN).write_text(json.dumps(frozen, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write_whole(folder / FROZEN, f"{json.dumps(frozen, indent=1, sort_keys=True)}\n".encode())
 
 
 def read_absent(folder: Path) -> list[Absent]:
@@ -99,7 +99,7 @@ def note_absent(folder: Path, cells: Iterable[tuple[str, str, str, int]], reason
     folder.mkdir(parents=True, exist_ok=True)
     known = {one[:4]: one.reason for one in read_absent(folder)} | dict.fromkeys(cells, reason)
     lines = ",\n".join(f" {json.dumps([*cell, why])}" for cell, why in sorted(known.items()))
-    (folder / ABSENT).write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+    write_whole(folder / ABSENT, f"[\n{lines}\n]\n".encode())
 
 
 def read_schedule(path: Path) -> Schedule:
@@ -110,11 +110,10 @@ def read_schedule(path: Path) -> Schedule:
 def write_schedule(folder: Path, story: str, schedule: Schedule) -> None:
     """Keep what is due; RecordError if it was something else, since runs of both can't be compared."""
     path = folder / SCHEDULES / f"{story}{ENDING}"
-    data = packed(schedule.as_json())
-    if path.exists() and path.read_bytes() != data:
+    if path.exists() and read_schedule(path).as_json() != schedule.as_json():
         raise RecordError(f"{path}: the story, its policy or a deadline has changed: begin again in an empty folder")
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
+    write_whole(path, packed(schedule.as_json()))
 
 
 def _schedules(folder: Path) -> list[Path]:

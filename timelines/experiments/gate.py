@@ -18,9 +18,15 @@ KEY = "experiments/robot/gate/plan"
 """Where the modules listen instead of the decision bus (robotkit's PLAN_KEY)."""
 
 
+EVERYTHING = 1000.0
+"""Cores: a share that is none, so that modules that adapt don't take for a bound what nobody enforces."""
+
+
 def enforced(payload: bytes) -> bytes:
-    """A plan as it would be if it were carried out; unchanged but for its mode."""
-    return json_text.dumps({**json_text.loads(payload), "mode": "Enforce"}).encode()
+    """A plan's suspensions as if they were carried out, without its shares."""
+    plan = json_text.loads(payload)
+    tasks = {name: one if one["suspended"] else {**one, "share": EVERYTHING} for name, one in plan["tasks"].items()}
+    return json_text.dumps({**plan, "mode": "Enforce", "tasks": tasks}).encode()
 
 
 class Gate:

@@ -7,11 +7,13 @@ correction for the number of cases). Among the goals Holm's correction applies.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT
 from timelines.experiments.configurations import ALONE, LINUX, LINUX_GATED, WEIGHTS, WEIGHTS_GATED
+from timelines.experiments.metrics import NEVER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +27,8 @@ SIGNIFICANT = 0.05
 class Goal:
     """`metric` of the configuration is at least (or at most) `factor` times that of `against`, plus `offset`.
 
-    `metric` is a name in `metrics.METRICS`; `offset` is in its unit: a rate from 0 to 1, or seconds.
+    `metric` is a name in `metrics.METRICS`; `offset` is in its unit: a rate from 0 to 1, or seconds. `worst` is as bad
+    as a value can be: a bound beyond it would be kept by what was never done.
     """
 
     name: str
@@ -36,10 +39,11 @@ class Goal:
     factor: float = 1.0
     offset: float = 0.0
     at_least: bool = True
+    worst: float = math.inf
 
     def gain(self, value: float, base: float) -> float:
         """By how much the value is better than it has to be."""
-        bound = self.factor * base + self.offset
+        bound = min(self.factor * base + self.offset, self.worst)
         return value - bound if self.at_least else bound - value
 
 
@@ -81,6 +85,7 @@ GOALS: Sequence[Goal] = (
         factor=1.2,
         offset=0.005,
         at_least=False,
+        worst=NEVER,
     ),
 )
 SPEEDUP = 1.42

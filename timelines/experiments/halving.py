@@ -2,7 +2,7 @@
 
 Successive halving (Karnin, Koren, Somekh 2013; the inner loop of Hyperband): sixteen sets of weights run the first
 story, the better half of them the second as well, and so on. The first four are what a user writes at once: equal
-weights, those by priority, by need, and what is critical or protected somewhere above the rest; equal weights and those
+weights, those by priority, by need, and by need with the protected tasks above all; equal weights and those
 by priority are never dropped, since a model or a lucky run may rank them too low. The rest is drawn log-uniformly. A
 set is worth its worst context, where a context is worth the lowest hit rate among its critical task and the protected
 ones, in steps of half a point; then the mean of the contexts. The held-out stories take no part in it.
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from timelines.experiments.blocks import SEED
 from timelines.experiments.metrics import contexts
-from timelines.experiments.stories import CRITICAL, PROTECTED
+from timelines.experiments.stories import PROTECTED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -54,12 +54,12 @@ class Tried(NamedTuple):
 def candidates(priorities: Mapping[str, float], wanted: Mapping[str, float], count: int = CANDIDATES) -> list[Weights]:
     """What is tried: by `priorities` of the policy, and by the cores that each task wants."""
     numbers = random.Random(SEED)  # noqa: S311 - no secret
-    important = {*CRITICAL.values(), *PROTECTED}
+    by_need = _scaled({name: wanted.get(name, 0.0) for name in priorities})
     found: list[Weights] = [
         dict.fromkeys(priorities, 256),
         _scaled(priorities),
-        _scaled({name: wanted.get(name, 0.0) for name in priorities}),
-        {name: 1024 if name in important else 16 for name in priorities},
+        by_need,
+        {name: 1024 if name in PROTECTED else weight for name, weight in by_need.items()},
     ]
     while len(found) < count:
         found.append({name: _anything(numbers) for name in priorities})

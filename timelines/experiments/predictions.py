@@ -7,10 +7,12 @@ Linux default.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.policy.parsing import parse
+from contextpolicy.policy.quantities import format_cpu, parse_cpu
 from contextpolicy.simulation.forecast import ALL, forecast
 from contextpolicy.simulation.profiles import Profiles, parse_profiles
 from contextpolicy.simulation.robot import NODE, Robot
@@ -45,14 +47,23 @@ def slowed_down(profiles: Profiles, part: float) -> Profiles:
     )
 
 
+def bounds_of_slowed(policy: Mapping[str, Any], part: float) -> dict[str, Any]:
+    """A policy with bounds that are the same part of a whole processor as its own are of a slowed one."""
+    changed = copy.deepcopy(dict(policy))
+    for task in changed["spec"]["tasks"]:
+        task |= {bound: format_cpu(round(parse_cpu(task[bound]) / part)) for bound in ("min", "max") if bound in task}
+    return changed
+
+
 def predict(
     policy: Mapping[str, Any], timeline: Timeline, measured: Mapping[str, Any], capacity: Capacity
 ) -> dict[str, dict[str, float]]:
     """The part of each task's inputs that is late or dropped, by configuration; `measured` is a file of profiles."""
     profiles, until = slowed_down(parse_profiles(measured), capacity.part), timeline.duration + TAIL
+    slowed = bounds_of_slowed(policy, capacity.part)
     found = {}
     for one in PREDICTED:
-        resource = one.variant(dict(policy), "0")
+        resource = one.variant(slowed, "0")
         if resource is None:  # nothing is decided
             continue
         variant = parse(resource)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
-from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial, seconds_left
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.halving import candidates, halved
@@ -17,10 +17,11 @@ from timelines.experiments.stories import HELD_OUT, STORIES, TUNING
 from timelines.experiments.workbench import Setting, own_deadlines
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from timelines.experiments.campaign import Progress
     from timelines.experiments.halving import Weights
+    from timelines.experiments.record import Record
     from timelines.experiments.stories import Story
     from timelines.experiments.workbench import Workbench
 
@@ -36,30 +37,40 @@ UNCALIBRATED: Mapping[str, Capacity] = {
 """What the tasks share where nothing was calibrated: for a quick look only."""
 
 
-class Preparation:
-    """Calibrates and tunes on the tuning stories; runs that are finished are not repeated."""
+class OutOfTimeError(Exception):
+    """No time is left for the next run."""
 
-    def __init__(self, bench: Workbench, progress: Progress) -> None:
-        self._bench, self._progress = bench, progress
+
+class Preparation:
+    """Calibrates and tunes on the tuning stories; runs that are finished are not repeated.
+
+    OutOfTimeError from everything that would begin a run where `until` says that so many seconds are not left.
+    """
+
+    def __init__(self, bench: Workbench, progress: Progress, until: Callable[[float], bool]) -> None:
+        self._bench, self._progress, self._until = bench, progress, until
 
     def calibrated(self) -> dict[str, Any]:
         """What the tasks share under each load, and deadlines that each task keeps alone."""
         own = own_deadlines()
         cores = installation.cores()
         whole = Setting(Capacity(cores, 1.0), own)
-        wanted = calibration.demand(self._alone(whole, TUNING))
-        loads = {load: calibration.capacity(load, wanted, cores) for load in (LIGHT, HEAVY)}
-        papers = calibration.demand(self._alone(whole, [STORIES[MIDDLE]]))
-        loads[PAPERS_LOAD] = calibration.capacity(PAPERS_LOAD, papers, cores)
+        alone, papers = self._alone(whole, TUNING), self._alone(whole, [STORIES[MIDDLE]])
+        wanted, needs = calibration.demand(alone), calibration.neediest(alone)
+        runs = {LIGHT: alone, HEAVY: alone, PAPERS_LOAD: papers}
+        loads = {load: calibration.of_load(load, every, cores) for load, every in runs.items()}
+        asked = {load: calibration.asked(every, loads[load]) for load, every in runs.items()}
         shared = ", ".join(f"{name} {capacity}" for name, capacity in loads.items())
         self._progress.say(f"wanted: {_words(wanted, 'cores')}; processors: {shared}")
+        self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'cores')}")
         slow = self._alone(Setting(loads[HEAVY], own), TUNING)
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
         deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
         self._progress.say(f"deadlines: {_words(deadlines, 's')}; kept alone: {_words(solo)}")
         date = dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds")
-        return {"date": date, "wanted": wanted, "loads": loads, "deadlines": deadlines, "solo": solo}
+        found = {"wanted": wanted, "needs": needs, "loads": loads, "asked": asked}
+        return {"date": date, **found, "deadlines": deadlines, "solo": solo}
 
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
         """The static weights that the search found, and what it tried."""
@@ -69,7 +80,7 @@ class Preparation:
         def run(number: int, weights: Weights, story: str) -> Run:
             self._progress.say(f"{configuration.title}, set {number + 1}: {story}")
             trial = Trial(HEAVY, STORIES[story], configuration, 0, number)
-            record = self._bench.record(f"tuning/{setting.capacity.name}/{number + 1:02}", trial, setting, weights)
+            record = self._record(f"tuning/{setting.capacity.name}/{number + 1:02}", trial, setting, weights)
             return Run(self._bench.schedule(trial.story, setting.deadlines), record)
 
         tries = candidates(priorities(), frozen["wanted"])
@@ -78,8 +89,10 @@ class Preparation:
 
     def predicted(self, frozen: Frozen) -> dict[str, Any]:
         """What is predicted of each held-out story, and the profiles that this is computed from."""
-        capacity = settings(frozen)[HEAVY].capacity
-        profiles = self._bench.profiles(_place(capacity), Trial(HEAVY, TUNING[0], ALONE, 0, 0))
+        setting, trial = settings(frozen)[HEAVY], Trial(HEAVY, TUNING[0], ALONE, 0, 0)
+        capacity, place = setting.capacity, _place(setting.capacity)
+        self._record(place, trial, setting, {})  # it may be gone, as after a new checkout
+        profiles = self._bench.profiles(place, trial)
         misses = {
             story.name: predict(
                 installation.policy_document(story), load(self._bench.folders.timeline(story)), profiles, capacity
@@ -93,9 +106,14 @@ class Preparation:
         for story in stories:
             self._progress.say(f"each task alone on {setting.capacity} processors: {story.name}")
             trial = Trial(HEAVY, story, ALONE, 0, 0)
-            record = self._bench.record(_place(setting.capacity), trial, setting, {})
+            record = self._record(_place(setting.capacity), trial, setting, {})
             found.append(Run(self._bench.schedule(story, setting.deadlines), record))
         return found
+
+    def _record(self, place: str, trial: Trial, setting: Setting, weights: Weights) -> Record:
+        if not self._bench.has(place, trial) and not self._until(seconds_left(self._bench.took, [trial])):
+            raise OutOfTimeError
+        return self._bench.record(place, trial, setting, weights)
 
 
 def _place(capacity: Capacity) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from statistics import fmean, median
 from typing import TYPE_CHECKING
 
 from timelines.experiments.accounting import Ending, Tally
+from timelines.experiments.cpu_account import MACHINE
 from timelines.experiments.due import TENTHS
 from timelines.experiments.metrics import contexts
 from timelines.experiments.paired import bootstrap
@@ -53,17 +55,17 @@ def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] |
 
 def used(runs: Sequence[Run], containers: Iterable[str]) -> float:
     """CPU seconds of containers, the median over runs."""
-    return median(sum(_last(run, name) for name in containers) for run in runs)
+    names = list(containers)
+    return median(math.fsum(run.record.about["cpu"].get(name, 0.0) for name in names) for run in runs)
 
 
 def used_by_all_else(runs: Sequence[Run]) -> float:
     """CPU seconds of Kubernetes, of what plays and records, and of strangers; not of what slows the processors."""
-    return median(_else(run) for run in runs)
+    return median(_else(run.record.about["cpu"]) for run in runs)
 
 
-def _else(run: Run) -> float:
-    known = sum(_last(run, name) for name in (*run.schedule.inputs, *CONTROL))
-    return float(run.record.about["busy"]) - float(run.record.about["stolen"]) - known
+def _else(spent: Mapping[str, float]) -> float:
+    return spent[MACHINE] - sum(seconds for name, seconds in spent.items() if name != MACHINE)
 
 
 def lateness(runs: Sequence[Run]) -> tuple[float, float]:
@@ -91,8 +93,3 @@ def responses(runs: Sequence[Run], context: str, task: str) -> tuple[list[float]
     """Response times of the critical task in a context, ascending, and how many inputs were due."""
     ended = [one for run in runs for one in run.wanted(task, context)]
     return sorted(one.response for one in ended if one.response is not None), len(ended)
-
-
-def _last(run: Run, container: str) -> float:
-    own = run.record.used.get(container) or [0]
-    return own[-1] / 1000

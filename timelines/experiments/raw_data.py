@@ -47,6 +47,8 @@ class RunData:
     """Of each key: the stamps that the player gave."""
     dropped: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """Of each task's inputs: how many it has dropped in all."""
+    counted: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    """Of each task's inputs: how many it has done, by its own count."""
     orders: list[Sent] = field(default_factory=list)
     """What the executive ordered of the wheels."""
     done: dict[tuple[str, str], dict[int, Timing]] = field(default_factory=lambda: defaultdict(dict))
@@ -63,15 +65,21 @@ class RunData:
         yield from zip(begins, [*begins, float("inf")][1:], plans, strict=True)
 
     def away(self, task: str) -> list[tuple[float, float]]:
-        """When the plans suspended a task."""
-        found = self.spans()
-        return [(begin, end) for begin, end, plan in found if plan["tasks"].get(task, {}).get("suspended")]
+        """When the plans suspended a task; plans that follow each other are one stretch."""
+        found: list[tuple[float, float]] = []
+        for begin, end, plan in self.spans():
+            if not plan["tasks"].get(task, {}).get("suspended"):
+                continue
+            joins = bool(found) and found[-1][1] == begin
+            found.append((found.pop()[0] if joins else begin, end))
+        return found
 
 
 def read_run(folder: Path) -> RunData:
     """Read a finished run; RecordingError if its recording can't be read."""
     about = json.loads((folder / RUN).read_text(encoding="utf-8"))
     run = RunData(about["started"], about, about["starts"], about["stamps"], about["dropped"])
+    run.counted = about["done"]
     run.orders = [Sent(*one) for one in about["orders"]]
     recording = open_recording(folder / MESSAGES, Excerpt())
     for message in recording.messages(recording.topics, recording.begin, recording.end):

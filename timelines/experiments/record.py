@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 HUNDREDTHS = 100_000
 """Of a millisecond, in a second."""
-FORMAT = 1
+FORMAT = 2
 DONE = "d"
 _LETTERS = {Ending.DROPPED: "x", Ending.SUSPENDED: "s", Ending.LOST: "l"}
 _ENDINGS = {letter: ending for ending, letter in _LETTERS.items()}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import detail_tables, pictures, tables
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
-from timelines.experiments.calibration import LOADS
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, WEIGHTS, WEIGHTS_GATED
+from timelines.experiments.cpu_account import SLOWING
 from timelines.experiments.goals import GOALS, SIGNIFICANT, Goal
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.verdicts import judged, verdicts
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from timelines.experiments.evidence import Evidence
+    from timelines.experiments.record import Record
     from timelines.experiments.verdicts import Verdict
 
 METHOD = """\
@@ -35,6 +38,8 @@ THREATS = """\
 - One machine, one kernel and one version of cgroups; the blocks ran within days of each other.
 - Each task's own hit rate alone comes from few runs, and counts as known.
 - A wheel command ends where navigation has written it; the motors' own delay is not in it.
+- Loads follow from what each task takes alone; beside others the same input takes more.
+- A VerticalPodAutoscaler decides about once a minute, and a story takes no longer.
 - Weights were tuned on stories of the same kind as those that are held out.
 """
 REPEAT = """\
@@ -76,13 +81,13 @@ def _claim(found: Sequence[Verdict]) -> str:
     """What the goals say, in one sentence each way."""
     met = [one for one in found if one.met]
     missed = [one for one in found if one.met is False]
-    measured = len(met) + len(missed)
-    if not measured:
-        return "No goal has been measured yet."
-    said = f"**{len(met)} of {measured} goals that were measured are met**"
-    open_ = len(found) - measured
+    decided = len(met) + len(missed)
+    if not decided:
+        return "No goal has been decided yet."
+    said = f"**{len(met)} of {decided} goals that are decided are met**"
+    open_ = len(found) - decided
     rest = [f"missed: {'; '.join(one.goal.name for one in missed)}"] if missed else []
-    rest += [f"not measured: {open_}"] if open_ else []
+    rest += [f"not measured, or in too few blocks: {open_}"] if open_ else []
     return f"{said} ({'; '.join(rest)})." if rest else f"{said}."
 
 
@@ -92,15 +97,35 @@ def _machine(evidence: Evidence) -> str:
         "{processor}, {cores} cores, {memory_gib} GiB, Linux {kernel}".format(**one.about["machine"]) for one in every
     }
     dates, loads = sorted(one.about["date"][:10] for one in every), evidence.frozen.get("loads")
-    words = [f"Machine: {'; '.join(sorted(machines))}. {len(every)} runs, {dates[0]} to {dates[-1]}."]
+    words = [f"Machine: {'; '.join(sorted(machines))}. {len(every)} runs, {dates[0]} to {dates[-1]}. {_code(every)}"]
     if not loads:
         used = sorted({f"{one.load} load: {Capacity(*one.about['capacity'])}" for one in every})
         return f"{words[0]} **Nothing was calibrated: a quick look** ({', '.join(used)}).\n"
-    shared = (f"{load} load ({LOADS[load]:g}): {Capacity(*own)}" for load, own in loads.items())
-    words.append(f"The tasks share, in processors and the part of each that is left: {', '.join(shared)}.")
-    alone = ", ".join(f"{task} {value:.1%}" for task, value in evidence.frozen["solo"].items())
+    asked = evidence.frozen["asked"]
+    shared = (
+        f"{load} load: {asked[load]:g} times what there is, {_capacity(every, load, *own)}"
+        for load, own in loads.items()
+    )
+    words.append(f"Asked of the processors, and how many there are of which part is left: {'; '.join(shared)}.")
+    alone = ", ".join(f"{task} {100 * value:.1f} %" for task, value in evidence.frozen["solo"].items())
     words.append(f"Hit rates of each task alone when deadlines were frozen: {alone}.")
     return " ".join(words) + "\n"
+
+
+def _capacity(every: Sequence[Record], load: str, processors: int, part: float) -> str:
+    """What the tasks should share, and what what slows the processors really left of each, by its own clock."""
+    own = [one.about for one in every if one.load == load]
+    left = [1 - about["cpu"][SLOWING] / (processors * about["seconds"]) for about in own]
+    return f"{Capacity(processors, part)}{f' (measured: {fmean(left):.3f})' if left else ''}"
+
+
+def _code(every: Sequence[Record]) -> str:
+    """Whose runs these are; several commits with how many runs each has."""
+    counts = Counter(str(one.about["code"]) for one in every)
+    if len(counts) == 1:
+        return f"Code: commit {next(iter(counts))}."
+    shown = (f"{code} ({count} {'run' if count == 1 else 'runs'})" for code, count in sorted(counts.items()))
+    return f"Code: commits {', '.join(shown)}."
 
 
 def _static(evidence: Evidence) -> str:
@@ -142,6 +167,9 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
 
 def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Iterator[str]:
     yield "# Details of the experiments\n"
+    if "loads" in evidence.frozen:
+        yield "## What was calibrated, and then frozen\n"
+        yield detail_tables.calibrated(evidence.frozen)
     for load in (HEAVY, LIGHT, PAPERS_LOAD):
         if tables.runs_of(evidence, load):
             yield f"## {load.capitalize()} load\n"

@@ -18,13 +18,15 @@ from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import confine, healths, installation
-from timelines.experiments.calm import busy_seconds, wait_until_calm
+from timelines.experiments import slowed as slowing
+from timelines.experiments.calm import wait_until_calm
+from timelines.experiments.cpu_account import SLOWING, Account, machine_seconds
 from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
+from timelines.experiments.record import write_whole
 from timelines.experiments.schedules import inputs_of
-from timelines.experiments.slowed import slowed
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
 from timelines.replay.player import Report, TimelineInputs, publish
@@ -52,13 +54,14 @@ BACKLOG = 2
 class Conditions:
     """What a run happens under: its timeline and recordings, and what the tasks share.
 
-    `weights` are the searched ones, for a configuration that has static weights.
+    `weights` are the searched ones, for a configuration that has static weights. `code` is whose run it is.
     """
 
     timeline: Path
     datasets: Path
     capacity: Capacity
     weights: Mapping[str, int]
+    code: str
 
 
 def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
@@ -77,7 +80,7 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
             with gate:
                 installation.decide(trial, conditions.capacity, folder)
                 about = _Recording(trial, conditions, sensors, viewer, heard).make(folder)
-        (folder / RUN).write_text(json.dumps(about), encoding="utf-8")
+        write_whole(folder / RUN, json.dumps(about).encode())
     finally:
         installation.stop_robot()
 
@@ -127,26 +130,31 @@ class _Recording:
         capacity, cgroups = self._conditions.capacity, installation.cgroups()
         processors = confine.first(capacity.processors)
         confine.confine(cgroups, deploy.TASKS, processors)
-        calm, busy, began = wait_until_calm(), busy_seconds(), time.monotonic()
-        with slowed(capacity.part, processors), McapWriter(folder / MESSAGES) as file:
+        calm = wait_until_calm()
+        with slowing.slowed(capacity.part, processors) as thieves, McapWriter(folder / MESSAGES) as file:
+            parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
             with (
                 BusRecorder(self._viewer, file, cgroups, without_payload=self._source.recorded),
                 Executive(self._viewer, self._sensors) as executive,
             ):
-                reports, drained = self._play()
-            took, profiles = time.monotonic() - began, _profiles(self._viewer)
+                began = time.monotonic()
+                with Account(machine_seconds, parts) as account:
+                    reports, drained = self._play()
+                took = time.monotonic() - began
+            profiles = _profiles(self._viewer)
             confine.check(cgroups, deploy.TASKS, processors)
+            slowing.check(account.spent[SLOWING], (1 - capacity.part) * capacity.processors * took)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
         kept = document(profiles, dt.datetime.now(dt.UTC))
         (folder / PROFILES).write_text(json.dumps(kept), encoding="utf-8")
         about = {
             "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
             "machine": _machine(),
+            "code": self._conditions.code,
             "load": calm,
             "capacity": list(capacity),
             "seconds": round(took, 2),
-            "busy": round(busy_seconds() - busy, 2),
-            "stolen": round((1 - capacity.part) * capacity.processors * took, 2),
+            "cpu": account.spent,
             "drained": drained,
         }
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
@@ -170,9 +178,11 @@ def _played(reports: list[Report]) -> dict[str, Any]:
 
 
 def _heard(profiles: list[dict[str, Any]]) -> dict[str, Any]:
-    """What the tasks say that they dropped."""
-    found = {one["task"]: {name: own["dropped"] for name, own in one["inputs"].items()} for one in profiles}
-    return {"dropped": found}
+    """What the tasks say that they did and dropped."""
+    return {
+        what: {one["task"]: {name: own[what] for name, own in one["inputs"].items()} for one in profiles}
+        for what in ("done", "dropped")
+    }
 
 
 def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:

@@ -13,22 +13,49 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
 
 PERIOD = 0.002
 HEADROOM = 0.9
 """The kernel stops realtime threads that take more than 95 % of each second."""
 
 
+OFF = 0.1
+"""Part of what they should take by which thieves may be off: a load of 1.4 is then one of 1.3 to 1.6."""
+
+
 class SlowedError(Exception):
-    """The processors were not slowed all the time."""
+    """The processors were not slowed all the time, or not as much as they should be."""
+
+
+class Thieves:
+    """The processes that slow the processors, or none."""
+
+    def __init__(self, processes: Sequence[int]) -> None:
+        self._processes = processes
+
+    def seconds(self) -> float:
+        """CPU that they have taken so far, by their own clocks: what they should take is not what they get."""
+        return sum(process_seconds(process) for process in self._processes)
+
+
+def process_seconds(process: int) -> float:
+    """CPU seconds of a process of one thread so far."""
+    return int(Path(f"/proc/{process}/schedstat").read_text(encoding="ascii").split()[0]) / 1e9
+
+
+def check(taken: float, due: float) -> None:
+    """SlowedError if thieves took much more or less than they should, both in seconds."""
+    if abs(taken - due) > OFF * due:
+        raise SlowedError(f"what slows the processors took {taken:.2f} s of them instead of {due:.2f} s")
 
 
 @contextmanager
-def slowed(part: float, processors: Collection[int]) -> Iterator[None]:
+def slowed(part: float, processors: Collection[int]) -> Iterator[Thieves]:
     """Leave this part of each of these processors to all else; with all of it nothing is started.
 
     SlowedError if what slows them does not begin, or has ended before the block does.
@@ -38,7 +65,7 @@ def slowed(part: float, processors: Collection[int]) -> Iterator[None]:
     try:
         if not all(_out(thief).readline() for thief in thieves):
             raise SlowedError("can't slow the processors: expected permission to use realtime priorities")
-        yield
+        yield Thieves([thief.pid for thief in thieves])
         if any(thief.poll() is not None for thief in thieves):
             raise SlowedError("the process that slows the processors has ended")
     finally:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 NONE = "-"
-_WORDS = {True: "met", False: "**missed**", None: "not measured"}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -58,9 +57,15 @@ def goals(found: Iterable[Verdict]) -> str:
         case, title = one.worst, CONFIGURATIONS[one.goal.configuration].title
         measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
         better = gain(case.gain) if case else NONE
-        rows.append([one.goal.load, one.goal.name, title, measured, better, f"{one.probability:.3g}", _WORDS[one.met]])
+        rows.append([one.goal.load, one.goal.name, title, measured, better, f"{one.probability:.3g}", _word(one)])
     head = ["load", "goal", "configuration", "least sure case", "better than asked by", "p (Holm)", ""]
     return table(head, rows)
+
+
+def _word(found: Verdict) -> str:
+    if found.met is None:
+        return "too few blocks" if found.cases else "not measured"
+    return "met" if found.met else "**missed**"
 
 
 def gain(found: Interval) -> str:

@@ -27,16 +27,22 @@ class Judged(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """A goal with its cases, and the probability of the least sure one, corrected for the number of goals."""
+    """A goal with its cases, and the probability of the least sure one, corrected for the number of goals.
+
+    `enough` is whether there are so many blocks that they can decide: if all agree, that is no accident.
+    """
 
     goal: Goal
     cases: Sequence[Judged]
     probability: float
+    enough: bool
 
     @property
     def met(self) -> bool | None:
-        """None where nothing was measured."""
-        return self.probability <= SIGNIFICANT if self.cases else None
+        """None where nothing was measured, or too little to decide; what does not hold on average is missed."""
+        if self.enough or any(case.gain.mean < 0 for case in self.cases):
+            return self.probability <= SIGNIFICANT
+        return None
 
     @property
     def worst(self) -> Judged | None:
@@ -49,7 +55,13 @@ def verdicts(evidence: Evidence, goals: Sequence[Goal] = GOALS) -> list[Verdict]
     cases = {goal.name: judged(evidence, goal) for goal in goals}
     raw = {name: max((case.probability for case in own), default=1.0) for name, own in cases.items()}
     corrected = holm(raw)
-    return [Verdict(goal, cases[goal.name], corrected[goal.name]) for goal in goals]
+    return [Verdict(goal, cases[goal.name], corrected[goal.name], _enough(cases[goal.name], goals)) for goal in goals]
+
+
+def _enough(cases: Sequence[Judged], goals: Sequence[Goal]) -> bool:
+    """Whether blocks that all agree would be significant among so many goals."""
+    fewest = min((case.gain.pairs for case in cases), default=0)
+    return bool(cases) and len(goals) * 0.5**fewest <= SIGNIFICANT
 
 
 def judged(evidence: Evidence, goal: Goal) -> list[Judged]:

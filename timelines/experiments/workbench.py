@@ -7,20 +7,18 @@ import json
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import zenoh
-
 from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.streams.timeline import load
 from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.capacity import Capacity
+from timelines.experiments.code_version import code_version
 from timelines.experiments.evidence import ENDING
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute
 from timelines.experiments.schedules import fingerprint, module_file, schedule
-from timelines.experiments.slowed import SlowedError
 from timelines.experiments.stories import Use
 
 if TYPE_CHECKING:
@@ -33,6 +31,8 @@ if TYPE_CHECKING:
 
 TRIES = 3
 """How often a run is begun before the node counts as broken: a timeout of helm must not end a night of runs."""
+LONGEST = 300
+"""Characters of a failure that are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,7 @@ class Workbench:
         self.took: dict[str, tuple[float, float]] = {}
         self._installed: tuple[bool, bool] | None = None
         self._schedules: dict[str, Schedule] = {}
+        self._code = code_version(deploy.REPOSITORY)  # now, since what is edited later is not what runs
 
     def has(self, place: str, trial: Trial) -> bool:
         """Whether a run is finished."""
@@ -103,31 +104,35 @@ class Workbench:
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
         began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
-        failures: list[str] = []
-        if not (folder / RUN).exists():  # it may have been played already, and not been understood
-            conditions = Conditions(timeline, self.folders.datasets, setting.capacity, weights)
-            failures = self._play(trial, conditions, folder)
-        run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
-        judged = {} if trial.configuration.alone else judge.accuracy(run)
-        found = collect.record(trial, run, due, judged)
+        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, weights, self._code)
+        found, failures = self._tried(trial, conditions, folder, due)
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))
         self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())
 
-    def _play(self, trial: Trial, conditions: Conditions, folder: Path) -> list[str]:
-        """Do a run, TRIES times at most where the node fails, and return what failed: it is kept with the record."""
+    def _tried(self, trial: Trial, conditions: Conditions, folder: Path, due: Schedule) -> tuple[Record, list[str]]:
+        """Do a run, TRIES times at most where anything fails, and return what failed: it is kept with the record.
+
+        One that was played, and not understood before we were stopped, is only read.
+        """
         failures: list[str] = []
         while True:
             try:
-                self._install(trial)
-                execute(trial, conditions, folder)
-            except (deploy.DeployError, SlowedError, zenoh.ZError) as error:
+                if not (folder / RUN).exists():
+                    self._install(trial)
+                    execute(trial, conditions, folder)
+                return self._understood(trial, conditions.timeline, folder, due), failures
+            except Exception as error:  # whatever it is: one run must not end a night of them
                 self._installed = None  # everything is installed again, whatever was there
-                failures.append(str(error))
+                (folder / RUN).unlink(missing_ok=True)  # what can't be understood is played again
+                failures.append(f"{type(error).__name__}: {error}"[:LONGEST])
                 if len(failures) == TRIES:
                     raise deploy.DeployError(f"failed {TRIES} times, at last: {error}") from error
-            else:
-                return failures
+
+    def _understood(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
+        run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
+        judged = {} if trial.configuration.alone else judge.accuracy(run)
+        return collect.record(trial, run, due, judged)
 
     def _install(self, trial: Trial) -> None:
         """Install the operator again only where another configuration needs it otherwise."""

@@ -159,9 +159,12 @@ def _arm(scenario: Scenario) -> Iterator[Entry]:
 
 
 def _followed(phase: Phase) -> Iterator[Entry]:
-    """A camera's orders to follow something that circles slowly, inside of the arm's reach."""
+    """A camera's orders to follow something that circles slowly, inside of the arm's reach.
+
+    The camera knows of no phases: on average its first picture comes half a period after one has begun.
+    """
     for index in range(math.ceil((phase.end - phase.start) * phase.follows - 1e-9)):
-        at = index / phase.follows
+        at = (index + 0.5) / phase.follows
         place = [round(150 + 8 * math.cos(at), 1), round(20 * math.sin(at), 1), 50.0]
         yield _once("robot/arm/order", round(phase.start + at, 6), {"move": place}, {"follows": True})
 

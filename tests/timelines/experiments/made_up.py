@@ -21,10 +21,11 @@ SCHEDULE = Schedule(
 ABOUT = {
     "date": "2026-11-26T03:00:00+00:00",
     "machine": {"processor": "a test", "cores": 2, "memory_gib": 4.0, "kernel": "6"},
+    "code": "abc1234",
+    "failures": [],
     "seconds": 10.0,
     "finished": 10.5,
-    "busy": 8.0,
-    "stolen": 1.0,
+    "cpu": {"machine": 8.0, "slowing": 1.0, "slam": 1.5, "speech": 0.25, "operator": 0.125, "router": 0.375},
     "load": 0.1,
     "drained": True,
     "capacity": [1, 0.4],
@@ -59,7 +60,18 @@ def evidence(*records, frozen=None, absent=()):
     return Evidence(dict.fromkeys({one.story for one in records}, SCHEDULE), runs, frozen or {}, absent)
 
 
-FROZEN = {"loads": {"light": [2, 0.8], "heavy": [1, 0.8]}, "solo": {"slam": 1.0}, "deadlines": {"slam": 0.1}}
+FROZEN = {
+    "loads": {"light": [2, 0.8], "heavy": [1, 0.8]},
+    "asked": {"light": 0.7, "heavy": 1.21},
+    "wanted": {"slam": 0.25, "speech": 0.02},
+    "needs": {"drive": 0.31},
+    "solo": {"slam": 1.0, "speech": 0.99},
+    "deadlines": {"slam": 0.1, "speech": 1.0},
+    "tuned": {
+        "ungated": {"weights": {"slam": 120, "speech": 720}, "tried": []},
+        "gated": {"weights": {"slam": 16, "speech": 16}, "tried": []},
+    },
+}
 ACCURACY = {"slam": ["ATE", 0.02, "m", 90, False], "speech": ["commands heard", 75.0, "%", 4, True]}
 
 

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
+import lzma
+import pathlib
 import shutil
+import subprocess
 from dataclasses import replace
 
 import pytest
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
+from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
-from timelines.experiments import installation
-from timelines.experiments.blocks import HEAVY, trials
+from timelines.experiments import campaign, installation, prepare
+from timelines.experiments.blocks import HEAVY, START, trials
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
-from timelines.experiments.evidence import Evidence, read_frozen, write_frozen, write_schedule
-from timelines.experiments.prepare import Preparation
-from timelines.experiments.record import RecordError, block, packed
+from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
+from timelines.experiments.prepare import OutOfTimeError, Preparation, settings
+from timelines.experiments.record import RecordError, block, packed, records
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
 CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
@@ -142,6 +146,22 @@ def test_nothing_is_begun_that_would_end_too_late(tmp_path):
     assert len(bench.done) == 3
 
 
+def test_a_block_is_begun_only_where_all_of_it_will_end_in_time(tmp_path):
+    asked: list[float] = []
+
+    def until(seconds):
+        asked.append(round(seconds))
+        return True
+
+    run(Bench(tmp_path), until=until)
+    one = 60 + round(START)
+    assert asked == [one, one, 2 * one, one]  # whatever is left of a call is enough for its first run
+    bench = Bench(tmp_path / "short")
+    left, _ = run(bench, until=lambda seconds: seconds < 2 * one)
+    assert left == 2
+    assert {block for _, block, *_ in bench.done} == {0}
+
+
 def test_a_block_whose_file_was_lost_is_written_again(tmp_path):
     run(Bench(tmp_path))
     [first, second] = sorted((tmp_path / "data" / "blocks").iterdir())
@@ -166,6 +186,20 @@ def test_a_run_that_is_kept_is_not_repeated_where_its_recording_is_gone(tmp_path
     assert {path: path.read_bytes() for path in before} == before
 
 
+def test_a_block_is_read_once_to_see_what_is_done(monkeypatch, tmp_path):
+    run(Bench(tmp_path))
+    shutil.rmtree(tmp_path / "raw")
+    read: list[int] = []
+
+    def counted(data):
+        read.append(len(data))
+        return records(data)
+
+    monkeypatch.setattr(campaign, "records", counted)
+    run(Bench(tmp_path))
+    assert len(read) == 2  # blocks, of which each has two runs
+
+
 def test_a_configuration_that_comes_later_joins_its_block(tmp_path):
     bench = Bench(tmp_path)
     run(bench, chosen=[trial for trial in CHOSEN if trial.configuration is LINUX])
@@ -183,6 +217,42 @@ def test_what_is_due_may_not_change_between_runs(tmp_path):
         write_schedule(tmp_path, "delivery", replace(SCHEDULE, deadlines={}))
 
 
+def test_what_is_due_is_compared_by_what_it_says(tmp_path):
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+    path = tmp_path / "schedules" / "delivery.json.xz"
+    path.write_bytes(lzma.compress(lzma.decompress(path.read_bytes()), preset=0))  # as another version of xz would
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+
+
+def test_a_story_that_has_changed_is_found_out_before_anything_is_run(tmp_path):
+    write_schedule(tmp_path / "data", "delivery", replace(SCHEDULE, deadlines={"slam": 9.0}))
+    bench = Bench(tmp_path)
+    with pytest.raises(RecordError, match="has changed"):
+        run(bench)
+    assert bench.done == []
+
+
+def test_what_is_interrupted_while_it_is_written_leaves_what_was_there(monkeypatch, tmp_path):
+    write_frozen(tmp_path, {"solo": {}})
+    write_schedule(tmp_path, "delivery", SCHEDULE)
+    note_absent(tmp_path, [CHOSEN[0].cell], "it can't")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pathlib.Path, "replace", interrupt)
+    for write in (
+        lambda: write_frozen(tmp_path, {}),
+        lambda: note_absent(tmp_path, [CHOSEN[1].cell], "it can't either"),
+        lambda: write_schedule(tmp_path, "inspection", SCHEDULE),
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            write()
+    assert {path: path.read_bytes() for path in before} == before
+    assert Evidence.read(tmp_path).schedules.keys() == {"delivery"}
+
+
 def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
     assert read_frozen(tmp_path) == {}
     write_frozen(tmp_path, {"loads": {"heavy": Capacity(1, 0.4)}})
@@ -190,11 +260,37 @@ def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
     assert json.loads((tmp_path / "frozen.json").read_text(encoding="utf-8"))
 
 
+class Anywhere(Bench):
+    """Runs nothing, under whatever load is wanted."""
+
+    def _do(self, place, trial, setting, weights):
+        super()._do(place, trial, setting, weights)
+        record = a_run(trial.configuration.name, block=trial.block)
+        kept = replace(record, about={**record.about, "capacity": list(setting.capacity)})
+        self._file(place, trial).write_bytes(packed(kept.as_json()))
+
+
+def test_loads_and_deadlines_follow_from_each_task_alone(monkeypatch, tmp_path):
+    """SLAM wants 0.15 of a core and speech 0.025; while it drives SLAM wants 0.15 of them."""
+    monkeypatch.setattr(prepare, "own_deadlines", lambda: {"slam": 0.1, "speech": 1.0})
+    monkeypatch.setattr(installation, "cores", lambda: 2)
+    lines = Lines()
+    found = Preparation(Anywhere(tmp_path), lines, lambda _: True).calibrated()
+    assert found["wanted"] == pytest.approx({"slam": 0.15, "speech": 0.025})
+    assert found["needs"]["drive"] == pytest.approx(0.15)
+    assert found["loads"] == {"light": (1, 0.25), "heavy": (1, 0.176), "paper": (1, 0.176)}  # 0.15 is 85 % of it
+    assert found["asked"] == {"light": 0.7, "heavy": 0.99, "paper": 0.99}
+    assert (found["deadlines"], found["solo"]) == ({"slam": 0.1, "speech": 1.0}, {"slam": 1.0, "speech": 1.0})
+    assert "wanted by critical and protected tasks: drive 0.15 cores, talk 0.025 cores" in lines.said
+    write_frozen(tmp_path, found)
+    assert settings(read_frozen(tmp_path))["heavy"].capacity == Capacity(1, 0.176)
+
+
 class Prepares(Preparation):
     """Finds out at once, and counts."""
 
     def __init__(self, folder):
-        super().__init__(Bench(folder), Lines())
+        super().__init__(Bench(folder), Lines(), lambda _: True)
         self.asked: list[object] = []
 
     def calibrated(self):
@@ -215,10 +311,47 @@ class Prepares(Preparation):
 def test_loads_and_weights_are_found_out_once(tmp_path):
     preparation = Prepares(tmp_path)
     frozen: dict[str, object] = {}
-    command._prepare(preparation, frozen, tmp_path)
+    kept: list[str] = []
+    command._prepare(preparation, frozen, tmp_path, kept.append)
     assert preparation.asked == ["loads", False, True, "predicted"]
-    command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path)
-    assert len(preparation.asked) == 4
+    assert kept == ["loads and deadlines", "static weights, ungated", "static weights, gated", "predictions"]
+    command._prepare(preparation, dict(read_frozen(tmp_path)), tmp_path, kept.append)
+    assert len(preparation.asked) == len(kept) == 4
+
+
+FOUND = {
+    "loads": {"light": [2, 0.8], "heavy": [1, 0.4]},
+    "deadlines": {},
+    "wanted": {"slam": 0.2},
+    "tuned": {"ungated": {}},
+}
+
+
+def test_preparation_goes_on_where_no_time_was_left(tmp_path):
+    bench = Bench(tmp_path)
+    few = Preparation(bench, Lines(), lambda _: len(bench.done) < 5)
+    with pytest.raises(OutOfTimeError):
+        few.tuned(FOUND, gated=True)
+    assert len(bench.done) == 5
+    Preparation(bench, Lines(), lambda _: True).tuned(FOUND, gated=True)
+    assert len(bench.done) == 16 + 8 + 4 + 4  # none of them twice
+
+
+def test_a_call_that_ends_during_preparation_is_no_failure(monkeypatch, tmp_path, capsys):
+    def end(*_):
+        raise OutOfTimeError
+
+    monkeypatch.setattr(command, "_prepare", end)
+    assert command.main(["--data", str(tmp_path), "--minutes", "1"]) == 0
+    assert "the same command goes on" in capsys.readouterr().out
+
+
+def test_what_is_predicted_from_is_played_again_where_its_recording_is_gone(monkeypatch, tmp_path):
+    bench = Bench(tmp_path)
+    monkeypatch.setattr(bench, "profiles", lambda *_: {"the": "profiles"})
+    monkeypatch.setattr(prepare, "HELD_OUT", ())
+    assert Preparation(bench, Lines(), lambda _: True).predicted(FOUND)["profiles"] == {"the": "profiles"}
+    assert [name for name, *_ in bench.done] == ["errand-alone"]
 
 
 def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, capsys):
@@ -235,6 +368,17 @@ def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, ca
     assert (tmp_path / "report.md").exists()
 
 
+def test_a_report_is_published_only_where_somebody_asks_for_it(monkeypatch, tmp_path):
+    """The campaign takes days: what is published meanwhile stays, and so do the pages that quote it."""
+    write_schedule(tmp_path / "data", "delivery", SCHEDULE)
+    (tmp_path / "data" / "blocks").mkdir()
+    (tmp_path / "data" / "blocks" / "2-heavy-01.json.xz").write_bytes(block([a_run("linux")]))
+    monkeypatch.setattr(command, "commit_folder", lambda *_: pytest.fail("it was committed"))
+    monkeypatch.setattr(command, "_run", lambda *_, **__: True)
+    assert command.main(["--commit", "--data", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "report.md").exists()
+
+
 def test_without_a_choice_everything_is_reported(tmp_path):
     assert command.main(["--report-only", "--data", str(tmp_path)]) == 0
 
@@ -248,9 +392,26 @@ def test_an_unknown_story_or_configuration_is_refused(capsys):
     assert "linux-gated" in refused
 
 
+def test_only_the_data_is_committed_and_nothing_where_nothing_changed(monkeypatch, tmp_path):
+    monkeypatch.setattr(deploy, "REPOSITORY", tmp_path)
+    for name, value in (("GIT_AUTHOR_NAME", "a"), ("GIT_COMMITTER_NAME", "a"), ("EMAIL", "a@example.org")):
+        monkeypatch.setenv(name, value)
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    (tmp_path / "data").mkdir()
+    for name in ("code.py", "data/block"):
+        (tmp_path / name).write_text("1", encoding="utf-8")
+    subprocess.run(["git", "-C", str(tmp_path), "add", "code.py"], check=True)
+    for _ in range(2):
+        assert campaign.commit_folder(tmp_path / "data", "Keep a block") == ""
+    log = ["git", "-C", str(tmp_path), "log", "--format=%s", "--name-only"]
+    assert subprocess.run(log, capture_output=True, text=True, check=True).stdout.split("\n\n") == [
+        "Keep a block", "data/block\n"
+    ]  # fmt: skip
+
+
 def test_runs_go_on_where_git_refuses_to_commit(tmp_path):
     bench, lines = Bench(tmp_path), Lines()
     made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {False: {}, True: {}}, lines)
     assert made.run(CHOSEN, until=lambda _: True, commit=True) == 0  # the folder is outside of the repository
     assert len(bench.done) == len(CHOSEN)
-    assert any(line.startswith("git add") for line in lines.said)
+    assert any(line.startswith("git ") and " add -- " in line for line in lines.said)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from timelines.demo.deploy import DeployError
@@ -9,7 +11,7 @@ from timelines.experiments.accounting import Timing
 from timelines.experiments.accuracy import Accuracy
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.collect import record
-from timelines.experiments.configurations import WEIGHTS_GATED
+from timelines.experiments.configurations import LINUX, WEIGHTS_GATED
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.executive import KEYWORD, POSE, Pilot, Sent
 from timelines.experiments.raw_data import Counters, RunData
@@ -41,10 +43,11 @@ def plan(sequence, moment, *suspended):
 
 @pytest.fixture
 def run():
-    made = RunData(float(BEGIN), {"about": {"load": 0.1}}, {STEREO: float(BEGIN)})
+    made = RunData(float(BEGIN), {"about": {"load": 0.1, "drained": True}}, {STEREO: float(BEGIN)})
     made.published = {STEREO: [at(0.001), at(1), at(2), at(3)]}
     made.dropped = {"slam": {"stereo": 1}}
     made.done["slam", "stereo"] = {at(0.001): Timing(BEGIN + 0.051, 0.04, 0), at(3): Timing(BEGIN + 3.2, 0.05, 1)}
+    made.plans = [plan(1, -5)]
     made.counters["slam"] = [Counters(BEGIN + n / 2, 5 + 0.1 * n) for n in range(7)]
     return made
 
@@ -56,7 +59,7 @@ def test_every_input_of_a_run_is_in_its_record(run):
     assert kept.late == {STEREO: [10, 0, 0, 0]}
     assert kept.accuracy["slam"] == ["ATE", 0.0123, "m", 90, False]
     assert (kept.load, kept.story, kept.configuration, kept.block) == ("heavy", "delivery", "weights-gated", 3)
-    assert kept.about == {"load": 0.1, "finished": 3.2}
+    assert kept.about == {"load": 0.1, "drained": True, "finished": 3.2}
 
 
 def test_cpu_is_kept_once_a_second_from_the_first_input_on(run):
@@ -68,6 +71,39 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
     kept = record(TRIAL, run, SCHEDULE, {})
     assert [(moment, tasks["slam"]) for moment, _, tasks in kept.plans] == [(0, [3.0, 500]), (2500, [3.0, 500])]
     assert kept.columns["slam"]["stereo"].fates == "dssd"
+
+
+def test_a_run_whose_log_is_not_whole_is_none(run):
+    run.counted = {"slam": {"stereo": 3}}
+    with pytest.raises(DeployError, match="2 inputs of slam were heard of as done, 3 were done"):
+        record(TRIAL, run, SCHEDULE, {})
+    run.about = {"about": {**run.about["about"], "drained": False}}  # it went on while it was asked
+    assert record(TRIAL, run, SCHEDULE, {}).columns["slam"]["stereo"].fates == "dxld"
+
+
+def test_a_suspension_that_one_plan_after_the_other_has_is_one(run):
+    run.plans = [plan(1, -5), plan(2, 1, "slam"), plan(3, 2, "slam"), plan(4, 3), plan(5, 4, "slam")]
+    found = [(begin - BEGIN, end - BEGIN) for begin, end in run.away("slam")]
+    assert found == [(1, 3), (4, float("inf"))]
+
+
+def test_a_run_without_a_plan_of_its_policy_is_none(run):
+    run.plans = []
+    with pytest.raises(DeployError, match="no plan was heard"):
+        record(TRIAL, run, SCHEDULE, {})
+    assert record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {}).plans == []
+
+
+def test_a_run_whose_modules_did_not_pause_is_none(run):
+    run.plans = [plan(1, 0, "slam")]
+    times = [n / 20 for n in range(80)]
+    run.published = {STEREO: [at(one) for one in times]}
+    run.done["slam", "stereo"] = {at(one): Timing(BEGIN + one + 0.01, 0.01, 0) for one in times if one < 0.4}
+    often = replace(SCHEDULE, keys={STEREO: times})
+    assert "s" in record(TRIAL, run, often, {}).columns["slam"]["stereo"].fates  # what it had in hand it may end
+    run.done["slam", "stereo"] = {at(one): Timing(BEGIN + one + 0.01, 0.01, 0) for one in times}
+    with pytest.raises(DeployError, match="slam did 70 of 70 inputs while it was suspended"):
+        record(TRIAL, run, often, {})
 
 
 def test_a_wheel_command_follows_from_its_frame(run):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from contextpolicy.policy.parsing import parse
@@ -72,7 +74,14 @@ def test_gating_is_a_factor_of_its_own():
 
 
 def test_a_plan_that_is_only_reported_reaches_the_modules_as_one_that_is_carried_out():
-    assert gate.enforced(b'{"mode": "DryRun", "run": 1}') == b'{"mode": "Enforce", "run": 1}'
+    tasks = {"slam": {"share": 0.01, "suspended": True}, "arm": {"share": 0.3, "suspended": False}}
+    relayed = json.loads(gate.enforced(json.dumps({"mode": "DryRun", "run": 1, "tasks": tasks}).encode()))
+    assert relayed["mode"] == "Enforce"
+    assert relayed["tasks"]["slam"] == tasks["slam"]
+    assert relayed["tasks"]["arm"] == {
+        "share": gate.EVERYTHING,
+        "suspended": False,
+    }  # no hint to do less: nobody divides
 
 
 def test_weights_have_no_max_and_limits_do():
@@ -137,7 +146,7 @@ def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
     scalers = {one["metadata"]["name"]: one["spec"] for one in autoscalers(MISSION, 2)}
     assert {one["updatePolicy"]["updateMode"] for one in scalers.values()} == {"InPlaceOrRecreate"}
     own, others = scalers["imu"]["resourcePolicy"]["containerPolicies"]
-    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "200m"}, {"cpu": "300m"})
+    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "100m"}, {"cpu": "300m"})
     assert others == {"containerName": "*", "mode": "Off"}
     slam, _ = scalers["slam"]["resourcePolicy"]["containerPolicies"]  # has no `min` of its own
     assert (slam["minAllowed"], slam["maxAllowed"]) == ({"cpu": "10m"}, {"cpu": "1050m"})

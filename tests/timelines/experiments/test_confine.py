@@ -42,3 +42,8 @@ def test_one_that_got_more_is_found(task):
     containers = {"slam": Container(task.pid)}
     with pytest.raises(DeployError, match="may run on processors other than"):
         check(containers, ["slam"], first(1))
+
+
+def test_a_task_whose_container_was_started_again_is_found():
+    with pytest.raises(DeployError, match="container of slam has ended"):
+        check({"slam": Container()}, ["slam"], first(1))

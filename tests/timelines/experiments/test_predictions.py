@@ -8,7 +8,7 @@ import yaml
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import parse
 from timelines.experiments.capacity import Capacity
-from timelines.experiments.predictions import PREDICTED, predict, slowed_down
+from timelines.experiments.predictions import PREDICTED, bounds_of_slowed, predict, slowed_down
 from timelines.experiments.stories import HELD_OUT
 
 COST = {"mean": 0.05, "std": 0.0, "quantiles": [0.05, 0.05]}
@@ -34,6 +34,12 @@ def test_on_slower_processors_the_same_input_takes_longer():
     slam = slowed_down(parse_profiles(MEASURED), 0.5).tasks["slam"]
     assert slam.inputs[0].quantiles == (0.1, 0.1)
     assert slam.background == pytest.approx(0.02)
+
+
+def test_on_slower_processors_a_bound_is_a_larger_part_of_one():
+    tasks = {task["name"]: task for task in bounds_of_slowed(POLICY, 0.25)["spec"]["tasks"]}
+    assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("400m", "1200m")
+    assert "min" not in tasks["slam"]
 
 
 def test_each_configuration_is_predicted():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tests.timelines.experiments.made_up import FROZEN, a_run, evidence, some_runs
@@ -23,7 +25,7 @@ def text(out):
 
 
 def test_the_claim_comes_first_and_fits_two_pages(text):
-    assert text.index("goals that were measured are met") < text.index("## Heavy load")
+    assert text.index("goals that are decided are met") < text.index("## Heavy load")
     assert len(text.split()) < 1500
 
 
@@ -35,6 +37,25 @@ def test_a_goal_that_ten_blocks_agree_on_is_met(text):
 
 def test_report_lists_other_divisions_that_reach_the_goal(text):
     assert "less 2 points (gated): context weights, gated.\n" in text
+
+
+def test_it_says_which_code_was_run(text, tmp_path):
+    assert "Code: commit abc1234." in text
+    other = a_run("weights")
+    runs = [a_run("linux"), replace(other, about={**other.about, "code": "def5678 and changes"})]
+    mixed = write_report(evidence(*runs), tmp_path).read_text(encoding="utf-8")
+    assert "Code: commits abc1234 (1 run), def5678 and changes (1 run)." in mixed
+
+
+def test_it_says_how_much_the_tasks_want_of_what_there_is_and_how_slow_it_was(text):
+    assert "heavy load: 1.21 times what there is, 1 x 0.8 (measured: 0.900)" in text  # one second of ten is taken
+    assert "light load: 0.7 times what there is, 2 x 0.8;" in text  # nothing was run under it
+
+
+def test_the_details_have_what_was_calibrated(out):
+    details = (out / "details.md").read_text(encoding="utf-8")
+    assert "| slam | 0.25 | 100 ms | 100.0 % | 120 (14 %) | 16 (50 %) |" in details
+    assert "drive 0.31" in details
 
 
 def test_the_details_have_every_ending_and_the_onsets(out):

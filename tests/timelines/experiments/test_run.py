@@ -13,6 +13,7 @@ from contextpolicy.streams.timeline import load
 from robotkit import Input, Module, Needs, Task
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
+from tests.timelines.experiments.made_up import a_run
 from timelines.demo import deploy
 from timelines.experiments import collect, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
@@ -75,7 +76,7 @@ def node(monkeypatch):
 def conditions(tmp_path):
     timeline = tmp_path / "short.json"
     timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    return Conditions(timeline, tmp_path, Capacity(1, 1.0), {})
+    return Conditions(timeline, tmp_path, Capacity(1, 1.0), {}, "abc1234")
 
 
 def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
@@ -88,6 +89,7 @@ def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
     assert all(response >= 200 for response in kept.columns["slam"]["stereo"].responses)  # it takes 20 ms
     assert kept.about["drained"]
     assert kept.about["finished"] > 0
+    assert kept.about["code"] == "abc1234"
 
 
 def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
@@ -115,39 +117,65 @@ def test_each_task_alone_gets_its_own_inputs_one_after_the_other(tmp_path):
 
 
 class Flaky:
-    """A node on which the first runs fail."""
+    """A node on which the first runs fail, and of whose recordings the first can't be understood."""
 
-    def __init__(self, monkeypatch, fails):
-        self.installed, self.runs, self.fails = 0, 0, fails
+    def __init__(self, monkeypatch, *, fails=0, muddled=0, error=deploy.DeployError):
+        self.installed, self.runs, self.fails, self.muddled, self.error = 0, 0, fails, muddled, error
         monkeypatch.setattr(installation, "stop_robot", lambda: None)
         monkeypatch.setattr(installation, "install", self.install)
         monkeypatch.setattr(workbench, "execute", self.execute)
+        monkeypatch.setattr(workbench.Workbench, "schedule", lambda *_: SCHEDULE)
+        monkeypatch.setattr(workbench.Workbench, "_understood", self.understood)
 
     def install(self, _):
         self.installed += 1
 
-    def execute(self, *_):
+    def execute(self, _, __, folder):
         self.runs += 1
         if self.runs <= self.fails:
-            raise deploy.DeployError("helm: timed out")
+            raise self.error("helm: timed out")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / RUN).write_text("{}", encoding="utf-8")
+
+    def understood(self, *_):
+        self.muddled -= 1
+        if self.muddled >= 0:
+            raise ValueError("half a message")
+        return a_run("linux")
 
 
 def play(tmp_path):
     bench = workbench.Workbench(workbench.Folders(*[tmp_path] * 4))
-    return bench._play(TRIAL, conditions(tmp_path), tmp_path / "run")
+    return bench.record("2-heavy-01", TRIAL, workbench.Setting(Capacity(1, 0.4), {}), {})
 
 
-def test_a_run_that_fails_is_done_again_on_a_new_installation(monkeypatch, tmp_path):
-    node = Flaky(monkeypatch, fails=2)
-    assert play(tmp_path) == ["helm: timed out"] * 2
+@pytest.mark.parametrize("error", [deploy.DeployError, OSError])
+def test_a_run_that_fails_is_done_again_on_a_new_installation(monkeypatch, tmp_path, error):
+    node = Flaky(monkeypatch, fails=2, error=error)
+    assert play(tmp_path).about["failures"] == [f"{error.__name__}: helm: timed out"] * 2
     assert (node.runs, node.installed) == (3, 3)
 
 
-def test_a_node_that_always_fails_ends_the_runs(monkeypatch, tmp_path):
-    node = Flaky(monkeypatch, fails=99)
-    with pytest.raises(deploy.DeployError):
-        play(tmp_path)
-    assert node.runs == workbench.TRIES
+def test_a_run_that_can_not_be_understood_is_played_again(monkeypatch, tmp_path):
+    node = Flaky(monkeypatch, muddled=1)
+    assert play(tmp_path).about["failures"] == ["ValueError: half a message"]
+    assert node.runs == 2
+
+
+def test_a_run_that_was_played_before_it_was_interrupted_is_only_read(monkeypatch, tmp_path):
+    node = Flaky(monkeypatch)
+    node.execute(None, None, tmp_path / "runs" / "2-heavy-01" / TRIAL.name)
+    play(tmp_path)
+    assert node.runs == 1
+
+
+def test_a_node_that_always_fails_ends_the_runs_and_they_are_played_again_next_time(monkeypatch, tmp_path):
+    for trouble in ({"fails": 99}, {"muddled": 99}):
+        node = Flaky(monkeypatch, **trouble)
+        with pytest.raises(deploy.DeployError, match="failed 3 times, at last"):
+            play(tmp_path)
+        assert node.runs == workbench.TRIES
+    assert not list(tmp_path.rglob(RUN))
 
 
 def test_the_bus_is_the_same_with_and_without_the_agent(monkeypatch):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import pytest
 
 from timelines.experiments import slowed as slowed_module
-from timelines.experiments.slowed import SlowedError, slowed
+from timelines.experiments.slowed import SlowedError, check, slowed
 
 
 def thief(monkeypatch, tmp_path, program):
@@ -51,3 +52,20 @@ def test_whole_processors_need_none(monkeypatch, tmp_path):
     thief(monkeypatch, tmp_path, "raise SystemExit(1)")
     with slowed(1.0, {0}):
         time.sleep(0.1)
+
+
+def test_what_thieves_take_is_counted_by_their_own_clocks(monkeypatch, tmp_path):
+    thief(monkeypatch, tmp_path, f"{BEGINS}\nwhile True: pass")
+    with slowed(0.5, {0}) as thieves:
+        before, deadline = thieves.seconds(), time.monotonic() + 20
+        while thieves.seconds() <= before and time.monotonic() < deadline:
+            threading.Event().wait(0.05)
+        assert thieves.seconds() > before
+
+
+def test_processors_that_were_not_as_slow_as_they_should_be_are_an_error():
+    check(9.5, 10.0)
+    check(0.0, 0.0)
+    for taken in (8.9, 11.1):
+        with pytest.raises(SlowedError, match=r"instead of 10\.00 s"):
+            check(taken, 10.0)

@@ -77,12 +77,22 @@ def test_wheel_commands_count_the_frames_that_are_due():
     assert (due, times) == (5, [0.06] * 4)
 
 
-def test_ten_blocks_that_agree_meet_a_goal_and_five_do_not():
+def test_ten_blocks_that_agree_meet_a_goal_and_four_decide_nothing():
     runs = [a_run("weights", block=n) for n in range(10)]
     [met] = verdicts(evidence(*runs, a_run("alone")), [HITS])
     assert (met.met, met.probability) == (True, 1 / 1024)
-    [unsure] = verdicts(evidence(*runs[:4], a_run("alone")), [HITS])
-    assert (unsure.met, unsure.probability) == (False, 1 / 16)
+    [open_] = verdicts(evidence(*runs[:4], a_run("alone")), [HITS])
+    assert (open_.met, open_.probability) == (None, 1 / 16)
+    [missed] = verdicts(evidence(*(a_run("weights", slam="d" * 10, block=n) for n in range(5)), a_run("alone")), [HITS])
+    assert missed.met is False
+
+
+def test_so_many_blocks_as_all_goals_together_need_decide():
+    """Seven goals: seven blocks that agree have a probability of 7/128."""
+    for count, met in ((7, None), (8, True)):
+        runs = [a_run("weights", block=n) for n in range(count)]
+        goals = [HITS, *(Goal(f"{n}", "light", "x", "y", "p99") for n in range(6))]
+        assert verdicts(evidence(*runs, a_run("alone")), goals)[0].met is met
 
 
 def test_the_least_sure_case_decides():
@@ -104,6 +114,16 @@ def test_a_goal_without_runs_is_not_judged_and_still_counts():
 def test_less_time_is_a_gain_where_a_goal_says_at_most():
     goal = Goal("p99", "heavy", "weights", "linux", "p99", factor=1.2, offset=0.005, at_least=False)
     assert goal.gain(0.1, 0.1) == pytest.approx(0.025)
+
+
+def test_nobody_gains_by_what_is_never_done_under_both():
+    """A bound of 1.2 times never would be met by never."""
+    goal = next(one for one in GOALS if one.metric == "p99")
+    worst = {"slam": "i" * 4 + "d" + "i" * 5}
+    pairs = [a_run(name, load="light", block=n, **worst) for n in range(10) for name in (goal.configuration, "linux")]
+    [verdict] = verdicts(evidence(*pairs), [goal])
+    [slam] = [case for case in verdict.cases if case.name == "slam"]
+    assert (slam.gain.mean, slam.probability, verdict.met) == (0.0, 1.0, False)
 
 
 def test_a_block_survives_its_file():

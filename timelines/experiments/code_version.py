@@ -1,0 +1,29 @@
+"""Which code a run is of."""
+
+from __future__ import annotations
+
+import subprocess
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+UNKNOWN = "unknown"
+CODE = (
+    *("operator", "modules", "charts", "crds", "config", "timelines", "tests/node", "pyproject.toml"),
+    ":(exclude)timelines/results",
+)
+"""What can change a run; the data of blocks is committed while others are still to come."""
+
+
+def code_version(repository: Path) -> str:
+    """The last commit that changed the code, with a word where something is not committed."""
+    commit = _git(repository, "log", "-1", "--format=%h", "--", *CODE)
+    changes = _git(repository, "status", "--porcelain", "--", *CODE)
+    return f"{commit or UNKNOWN}{' and changes' if commit and changes else ''}"
+
+
+def _git(repository: Path, *words: str) -> str:
+    """What git prints; nothing where it fails, as without a history."""
+    command = ["git", "-C", str(repository), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
