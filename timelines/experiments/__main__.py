@@ -171,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
         help=", ".join(CONFIGURATIONS),
     )
     parser.add_argument(
-        "--minutes", type=float, default=float("inf"), help="begin no run that would end after so many minutes"
+        "--minutes", type=float, default=float("inf"), help="begin no block that would end after so many minutes"
     )
     parser.add_argument("--commit", action="store_true", help="commit the data of each block when it ends")
     parser.add_argument(
