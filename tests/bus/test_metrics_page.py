@@ -11,49 +11,35 @@ import pytest
 from prometheus_client import REGISTRY
 
 from contextpolicy.agent.service import serve as serve_agent
-from contextpolicy.bus.metrics_page import MetricsPage, Turns
+from contextpolicy.bus.metrics_page import MetricsPage, PageTurns
 from contextpolicy.bus.questions import REST
 from contextpolicy.telemetry.metrics_server import serve_metrics
 from tests.waiting import PATIENCE
 
 
-class Time:
-    """A clock that only work and rest move."""
-
-    def __init__(self) -> None:
-        self.now, self.rested = 0.0, 0.0
-
-    def sleep(self, seconds: float) -> None:
-        self.rested += seconds
-
-
 def test_each_turn_is_followed_by_a_rest():
-    time = Time()
-    turns = Turns(lambda: time.now, time.sleep)
-    for seconds in (1.0, 2.0):
-        with turns.take():
-            time.now += seconds
-    assert time.rested == 3 * REST
+    now = [0.0]
+    turns = PageTurns(lambda: now[0])
+    assert turns.pause == 0
+    with turns.take():
+        now[0] += 2.0
+    assert turns.pause == 2.0 * REST
+    now[0] += 5.0
+    assert turns.pause == 2.0 * REST - 5.0
 
 
-def test_nobody_has_a_turn_while_another_rests():
-    waiting: list[Thread] = []
-
-    def sleep(_seconds: float) -> None:
-        if not waiting:
-            waiting.append(Thread(target=second))
-            waiting[0].start()
-            assert order == ["first"]
+def test_one_turn_is_taken_at_a_time():
+    turns, order = PageTurns(lambda: 0.0), []
 
     def second() -> None:
         with turns.take():
             order.append("second")
 
-    order: list[str] = []
-    turns = Turns(lambda: 0.0, sleep)
+    waiting = Thread(target=second)
     with turns.take():
+        waiting.start()
         order.append("first")
-    waiting[0].join(PATIENCE)
+    waiting.join(PATIENCE)
     assert order == ["first", "second"]
 
 
