@@ -6,6 +6,7 @@ import logging
 import math
 import re
 from typing import TYPE_CHECKING, Any, Protocol
+from weakref import WeakValueDictionary
 
 from contextpolicy.errors import ExpressionError, UndecidedError
 from contextpolicy.policy import cel_cost, cel_syntax
@@ -72,6 +73,7 @@ class Expression:
     __slots__ = (
         *("_bound", "_exact", "_fast", "_is_bounded", "_repeated", "_step"),
         *("ages", "asked", "contexts", "presence", "reads", "source", "tree", "unknown_functions", "variables"),
+        "__weakref__",
     )
 
     def __init__(self, source: str) -> None:
@@ -150,3 +152,17 @@ class Expression:
         allowed = (self._bound.most(scope.copied(self._repeated)) or 0) // step
         if size > allowed:
             raise ExpressionError(f"{self.source}: reads {size} values, allowed for what it does with them: {allowed}")
+
+
+_SHARED: WeakValueDictionary[str, Expression] = WeakValueDictionary()
+
+
+def shared(source: str) -> Expression:
+    """The expression of a source: the one that somebody keeps, as it has no state, or else a new one.
+
+    Compiling 1000 characters takes 10 ms. Whoever loads a policy does so, and the loop finds it done.
+    """
+    found = _SHARED.get(source)
+    if found is None:
+        found = _SHARED[source] = Expression(source)
+    return found

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from contextpolicy.errors import ExpressionError
 from contextpolicy.planning.conditions.unknown_numbers import MAX_TRIALS, MAX_TRIED, nans, trials, without_nan
 from contextpolicy.policy import cel_cost, cel_numbers, context_reads
-from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel import shared
 from contextpolicy.policy.cel_functions import RUN
 from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
 from contextpolicy.policy.lean_cel import cel
@@ -17,6 +17,7 @@ from contextpolicy.policy.lean_cel import cel
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
+    from contextpolicy.policy.cel import Expression
     from contextpolicy.policy.cel_rewriting import Age
 
 
@@ -82,7 +83,7 @@ class Scope:
 
     def compile(self, source: str) -> Expression:
         """An expression to be evaluated in this scope; ValueError says what is wrong with the source."""
-        expression = Expression(source)
+        expression = shared(source)
         for path in expression.reads:
             _grow(self._reads, path)
         for stream in {age.stream for age in expression.ages} - self._aged:
