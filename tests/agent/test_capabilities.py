@@ -92,3 +92,12 @@ def test_kernel_without_bandwidth_control_is_reported(version, file):
     assert unlimited(without).startswith(f"the kernel has no {file} for pods: build it with CONFIG_CFS_BANDWIDTH=y")
     assert unlimited(replace(without, limits=True)) == unlimited(NodeFacts(None)) == ""
     assert unlimited(replace(ALL, writable=False)) == ""
+
+
+def test_group_that_ends_while_it_is_read_is_left_out(tmp_path):
+    """Or one that can't be: a threaded group has no list of processes (EOPNOTSUPP)."""
+    tree = Tree(tmp_path)
+    processes = tree.container(SLAM) / "cgroup.procs"
+    processes.unlink(missing_ok=True)
+    processes.symlink_to("gone")
+    assert probe(tree.layout).sees_processes

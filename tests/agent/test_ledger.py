@@ -56,6 +56,17 @@ DAMAGES = [
             '"1", "2", false, 5, null, false',
         )
     ),
+    *(
+        f'["/a/{file}", ["p", "{amount}", "1", false, [], null, false]]'
+        for file, amount in (
+            ("cpu.shares", "max"),
+            ("cpu.weight", "-1"),
+            ("cpu.cfs_quota_us", "max 100000"),
+            ("cpu.rt_period_us", "1000000 2"),
+            ("cpu.cfs_period_us", "0"),
+            ("cpu.max", "-1 100000"),
+        )
+    ),
 ]
 
 

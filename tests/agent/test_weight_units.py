@@ -66,3 +66,9 @@ def test_a_weight_of_a_known_request_shows_the_conversion(weight, millicores, li
 def test_the_kernel_takes_every_weight(millicores, version):
     for weight in (units.of_pod(millicores, version), units.of_container(millicores, version)):
         assert units.LEAST[version] <= weight <= units.MOST[version]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_an_idle_group_has_no_weight(version):
+    """`cpu.idle`, which some set for batch pods, shows as 0 under version 2."""
+    assert units.millicores(0, version) == 0

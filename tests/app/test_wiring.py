@@ -287,6 +287,16 @@ def test_deleted_policy_with_emptied_originals_restores_from_the_owner(running):
     )
 
 
+@pytest.mark.parametrize("begin", ["apply", "delete"])
+def test_paused_policy_with_emptied_originals_of_bare_pods_says_so(running, begin):
+    restarted(running, {"uid-slam": None, "uid-speech": None}, owned=False)
+    running.connect()
+    getattr(running, begin)(a_policy(mode="Paused"))
+    running.settle()
+    reported = dict(running.reported())["OriginalsUnproven"]
+    assert "lab/slam/slam: an operator resized it, and no status.originals has an entry for it; no owner" in reported
+
+
 def test_own_signed_originals_are_trusted_after_a_restart(running):
     restarted(running, {}, owned=False)
     done = running.delete(a_policy())

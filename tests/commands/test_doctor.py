@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from contextpolicy.bus.issuing import authority_files, found_authority
+from contextpolicy.bus.issuing import found_authority, pem
 from contextpolicy.cluster.api import ApiServer, Secret
 from contextpolicy.cluster.paging import Page
 from contextpolicy.cluster.serving import Service
@@ -136,7 +136,8 @@ def test_doctor_reads_the_expiry_of_mounted_certificates():
         def secret(self, _, name):
             if name == "theirs":
                 raise ActuationError("Forbidden", "no", retriable=False)
-            return Secret(authority_files(made), "1")
+            issued = made.issue("operator", (), made.certificate.not_valid_after_utc)
+            return Secret({**issued, "ca.crt": pem([made.certificate])}, "1")
 
     operators = [an_operator(""), an_operator("")]
     for operator, name in zip(operators, ("ours", "theirs"), strict=True):

@@ -255,6 +255,7 @@ def test_json(restore: Any) -> None:
         "moved": {"limit": "990m", "request": "100m"},
         "original": {"limit": "500m", "request": "100m"},
         "error": "",
+        "note": "",
     }
     assert code == 0
     assert json.loads(out) == {
@@ -375,11 +376,21 @@ def test_emptied_originals_are_missed_whatever_the_policy_has_become(restore: An
 
 
 @pytest.mark.parametrize("spec", IDLE, ids=["invalid", "dry run", "paused"])
-def test_bare_pod_without_an_original_keeps_no_policy_that_does_not_act(restore: Any, spec: dict[str, Any]) -> None:
+def test_bare_pod_without_an_original_is_named_but_keeps_no_policy(restore: Any, spec: dict[str, Any]) -> None:
     """The last plan of another policy, long deleted, may have given it just what it had."""
     server = Server(by_us(), policies=[{**policy(), "spec": spec}])
     server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
-    assert restore(server, "--remove-finalizers", RELEASE) == (0, "ContextPolicy lab/robot: finalizer removed\n")
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert (code, out.splitlines()) == (
+        0,
+        [
+            (
+                "lab/slam/slam: left as it is: an operator resized it, and no status.originals has an entry for it; "
+                "no owner of the pod states its original, so it keeps request 100m, limit 990m"
+            ),
+            "ContextPolicy lab/robot: finalizer removed",
+        ],
+    )
 
 
 def test_heavy_policies_of_others_do_not_exhaust_the_memory(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:

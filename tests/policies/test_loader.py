@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import builtins
 import json
+from contextlib import suppress
 
 import pytest
 
+from contextpolicy.planning.planner import Planner
+from contextpolicy.policies.loader import load
+from contextpolicy.policy import cel
 from contextpolicy.policy.ros_types import type_store
+from contextpolicy.policy.tenants import Tenants
 from contextpolicy.streams.ros_message import RosMessage
-from tests.planning.builders import a_context, a_stream
+from tests.actuators.resize.fake_cluster import FakeCluster
+from tests.planning.builders import a_context, a_stream, a_task
+from tests.planning.quiet import Quiet
 from tests.policies.builders import a_policy
 
 MOOD = "robot/mood"
@@ -122,3 +129,21 @@ def test_types_are_loaded_outside_the_loop(operator, monkeypatch):
     monkeypatch.undo()
     assert adopted.result() is True
     assert operator.session.everything_declared().count(MOOD) == 1
+
+
+def test_nothing_of_a_loaded_policy_is_compiled_on_the_loop(monkeypatch):
+    """It takes 10 ms for each 1000 characters, and a policy may have a thousand such conditions."""
+    mean = {"name": "mean", "of": "imu.x", "op": "mean", "over": "1s"}
+    activity = {"when": "imu.speed > 0.2", "until": "imu.speed < 0.1", "scoreFrom": "imu.speed"}
+    spec = a_policy(
+        streams=[a_stream("imu", filter="imu.ok", features=[mean])],
+        tasks=[a_task("slam", activity=[activity]), a_task("speech", requires=[{"when": "imu.x > 0.0"}])],
+        contexts=[a_context("moving", "imu.mean > 0.1", {"slam": {"weight": 8}}, until="imu.mean < 0.1")],
+    )
+    loaded = load(spec, FakeCluster(), Tenants())
+    assert loaded.policy is not None, loaded.rejected
+    compiled: list[str] = []
+    monkeypatch.setattr(cel.Expression, "__init__", lambda _, source: compiled.append(source))
+    with suppress(AttributeError):
+        Planner(loaded.policy, Quiet(), {})
+    assert compiled == []

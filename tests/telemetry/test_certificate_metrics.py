@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 from prometheus_client import REGISTRY
 
-from contextpolicy.bus.issuing import LIFETIME, found_authority
+from contextpolicy.bus.issuing import AUTHORITY_LIFETIME, LIFETIME, found_authority, pem
 from contextpolicy.telemetry import certificate_metrics
 
 NOW = datetime(2026, 11, 24, tzinfo=UTC)
@@ -54,4 +54,17 @@ def test_the_expiry_without_a_matching_key_is_nan(tmp_path):
     certificate_metrics.publish_expiry("operator", tmp_path)
     assert expiry() == (NOW + LIFETIME).timestamp()
     (tmp_path / "tls.key").write_bytes(issuer.issue("operator", (), NOW)["tls.key"])
+    assert math.isnan(expiry())
+
+
+def test_a_certificate_ends_with_the_last_authority_that_is_trusted(tmp_path):
+    """cert-manager renews an authority, but not the `ca.crt` of a Secret whose own certificate is still good."""
+    early, late = (found_authority("bus", NOW - AUTHORITY_LIFETIME + timedelta(days=days)) for days in (30, 2 * 365))
+    for name, content in {**late.issue("operator", (), NOW), "ca.crt": pem([early.certificate])}.items():
+        (tmp_path / name).write_bytes(content)
+    certificate_metrics.publish_expiry("operator", tmp_path)
+    assert expiry() == (NOW + timedelta(days=30)).timestamp()
+    (tmp_path / "ca.crt").write_bytes(pem([early.certificate, late.certificate]))
+    assert expiry() == (NOW + LIFETIME).timestamp()
+    (tmp_path / "ca.crt").write_text("no certificate")
     assert math.isnan(expiry())

@@ -116,7 +116,12 @@ def _has_capability(number: int) -> bool:
 
 def _sees_processes(layout: CgroupPaths) -> bool:
     """Whether hostPID is set: else processes outside our PID namespace, such as pods' sandboxes, are listed as 0."""
-    for folder, _, files in os.walk(layout.top):
-        if "cgroup.procs" in files and "0" in (Path(folder) / "cgroup.procs").read_text().split():
-            return False
-    return True
+    groups = (Path(folder) for folder, _, files in os.walk(layout.top) if "cgroup.procs" in files)
+    return not any("0" in _processes(group) for group in groups)
+
+
+def _processes(group: Path) -> list[str]:
+    """What the group lists; nothing when its pod ends while we look, or where it is threaded (version 2)."""
+    with suppress(OSError):
+        return (group / "cgroup.procs").read_text().split()
+    return []

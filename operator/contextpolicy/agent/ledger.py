@@ -23,8 +23,13 @@ log = logging.getLogger(__name__)
 LONGEST = 1 << 20
 """Size of the journal in bytes above which it is rewritten without its outdated lines."""
 
-_AMOUNT = re.compile(r"(max|-?[0-9]{1,19})( [1-9][0-9]{0,18})?")
-"""The text of a file that holds a weight, a bandwidth or a period."""
+_AMOUNTS = (
+    ("_period_us", re.compile(r"[1-9][0-9]{0,18}")),
+    ("_us", re.compile(r"-?[0-9]{1,19}( [1-9][0-9]{0,18})?")),
+    (".max", re.compile(r"(max|[0-9]{1,19})( [1-9][0-9]{0,18})?")),
+    ("", re.compile(r"[0-9]{1,19}")),
+)
+"""The ends of names, and the texts of such files: periods, bandwidths of version 1 and 2, weights."""
 
 
 @dataclass(slots=True)
@@ -241,14 +246,15 @@ class Ledger:
             self.entries.pop(Path(path), None)
         else:
             policy, theirs, ours, held, earlier, original, in_owned = entry
-            inherited = Entry(str(policy), _amount(theirs), _amount(ours), held is True, inherited=True)
+            form = next(form for end, form in _AMOUNTS if path.endswith(end))
+            inherited = Entry(str(policy), _amount(theirs, form), _amount(ours, form), held is True, inherited=True)
             inherited.in_owned = in_owned is True
-            inherited.earlier = {_amount(text) for text in earlier}
-            inherited.original = None if original is None else _amount(original)
+            inherited.earlier = {_amount(text, form) for text in earlier}
+            inherited.original = None if original is None else _amount(original, form)
             self.entries[Path(path)] = inherited
 
 
-def _amount(text: str) -> str:
-    if not _AMOUNT.fullmatch(text):
+def _amount(text: str, form: re.Pattern[str]) -> str:
+    if not form.fullmatch(text):
         raise ValueError(f"{text!r}: expected the content of a control file, such as 50000 or max 100000")
     return text

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from prometheus_client import MetricsHandler
-
-from contextpolicy.bus.http_server import HttpHandler, HttpServer
+from contextpolicy.bus.http_server import HttpServer
 from contextpolicy.bus.listening import EVERYWHERE
+from contextpolicy.bus.metrics_page import MetricsPage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 def serve(port: int, alive: Callable[[], bool]) -> int:
     """Serve on threads of its own until the process ends; `alive` decides what /healthz says. Returns the port."""
 
-    class Page(HttpHandler, MetricsHandler):
+    class Page(MetricsPage):
         def do_GET(self) -> None:
             """200 while the agent is alive, else 503; metrics on every other page."""
             if self.path != "/healthz":

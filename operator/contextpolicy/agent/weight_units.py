@@ -48,11 +48,12 @@ def is_linear(weight: int, millicores: int) -> bool | None:
 
 
 def millicores(weight: int, version: int, *, linear: bool = False) -> int:
-    """The request, in thousandths of a core, for which a container would have the weight; 0 for the least.
+    """The request, in thousandths of a core, for which a container would have the weight.
 
-    Linearly, all requests within 25m have the same: theirs is taken for the middle one.
+    0 for the least, or for none, as a group has with `cpu.idle`. Linearly, all requests within 25m have the same:
+    theirs is taken for the middle one.
     """
-    if weight == LEAST[version]:
+    if weight <= LEAST[version]:
         return 0
     amount: float = weight
     if version == 2 and linear:

@@ -126,10 +126,9 @@ def _ends(api: ApiServer, pods: Sequence[Mapping[str, Any]]) -> dict[str, dateti
 
 
 def _end(api: ApiServer, namespace: str, secret: str) -> datetime | None:
-    from contextpolicy.bus.credentials import CERTIFICATE
-    from contextpolicy.bus.expiry import end
+    from contextpolicy.bus.expiry import end_of_use
 
-    return end(api.secret(namespace, secret).files.get(CERTIFICATE, b""))
+    return end_of_use(api.secret(namespace, secret).files)
 
 
 def _allowed(read: Callable[[], T]) -> T | None:

@@ -209,6 +209,8 @@ def _print_text(restored: Sequence[Restored], left: Sequence[LeftAlone], release
 def _deed(container: Restored) -> str:
     if container.error:
         return f"NOT restored: {container.error}"
+    if container.note:
+        return f"left as it is: {container.note}"
     changes = [f"{kind} {old} -> {new}" for kind, old, new in _differences(container.moved, container.original)]
     return ", ".join(changes) or "already restored"
 
@@ -237,6 +239,7 @@ def _document(
             "moved": _quantities(one.moved),
             "original": _quantities(one.original),
             "error": one.error,
+            "note": one.note,
         }
         for one in restored
     ]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.explain.explanation import change
 from contextpolicy.planning.allocation.weights import Obstacles, Weigher
 from contextpolicy.policy.activities import Enforce
-from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel import shared
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import SatisfiedBy
 
@@ -168,12 +168,12 @@ def _add_context(graph: Graph, context: Context) -> None:
 
 def _read(*sources: str | None) -> frozenset[str]:
     """The streams that the expressions read."""
-    return frozenset[str]().union(*(Expression(source).variables for source in sources if source))
+    return frozenset[str]().union(*(shared(source).variables for source in sources if source))
 
 
 def _contexts_read(*sources: str | None) -> list[str]:
     """The nodes of the contexts that the expressions read."""
-    read = frozenset[str]().union(*(Expression(source).contexts for source in sources if source))
+    read = frozenset[str]().union(*(shared(source).contexts for source in sources if source))
     return [f"context-{name}" for name in sorted(read)]
 
 

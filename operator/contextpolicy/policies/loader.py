@@ -10,15 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import ActuationError, Finding, FindingsError
 from contextpolicy.policies import plugins
+from contextpolicy.policy.cel import shared
 from contextpolicy.policy.definition_files import of_config_map, with_definitions
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.validation.mistakes import mistakes_in
+from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from contextpolicy.cluster.fencing import PolicyApi
     from contextpolicy.planning.observable import Instantiate
+    from contextpolicy.policy.cel import Expression
     from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy
     from contextpolicy.policy.tenants import Tenants
@@ -28,13 +31,15 @@ if TYPE_CHECKING:
 class Loaded:
     """A policy that can run, with the functions it names; or None, with everything that is wrong in `rejected`.
 
-    `unread` says that a ConfigMap could not be read, so the same object may be valid later.
+    `unread` says that a ConfigMap could not be read, so the same object may be valid later. `compiled` are its
+    expressions, kept for the planner.
     """
 
     policy: Policy | None = None
     initiatives: Mapping[str, Instantiate] = field(default_factory=dict)
     rejected: tuple[str, ...] = ()
     unread: bool = False
+    compiled: tuple[Expression, ...] = ()
 
 
 def load(body: Mapping[str, Any], api: PolicyApi, tenants: Tenants) -> Loaded:
@@ -42,7 +47,7 @@ def load(body: Mapping[str, Any], api: PolicyApi, tenants: Tenants) -> Loaded:
     files = _ConfigMaps(api)
     try:
         policy = files.complete(parse(body, tenants.findings, lambda policy: _findings(policy, files)))
-        return Loaded(policy, plugins.load(policy))
+        return Loaded(policy, plugins.load(policy), compiled=tuple(map(shared, _sources(policy))))
     except FindingsError as error:
         return Loaded(rejected=tuple(str(finding) for finding in error.findings), unread=bool(files.unread))
 
@@ -66,6 +71,12 @@ class _ConfigMaps:
             except ActuationError as error:
                 self.unread[name] = error
         return self._read.get(name)
+
+
+def _sources(policy: Policy) -> Iterator[str]:
+    yield from (written.source for written in expressions(policy))
+    for stream in policy.streams:
+        yield from filter(None, (stream.filter, *(feature.of for feature in stream.features)))
 
 
 def _findings(policy: Policy, files: _ConfigMaps) -> Iterator[Finding]:

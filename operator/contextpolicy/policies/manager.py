@@ -191,8 +191,8 @@ class PolicyManager:
         )
 
     def _tell_doubts(self, reference: str, vetted: Vetted) -> None:
-        if vetted.doubts:
-            self._publisher.emit(reference, "OriginalsUnproven", "; ".join(doubt.text for doubt in vetted.doubts))
+        if vetted.news:
+            self._publisher.emit(reference, "OriginalsUnproven", vetted.news)
 
     def _forget(self, reference: str) -> None:
         """The policy has stopped running."""

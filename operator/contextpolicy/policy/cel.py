@@ -5,13 +5,17 @@ from __future__ import annotations
 import logging
 import math
 import re
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+from weakref import WeakValueDictionary
 
 from contextpolicy.errors import ExpressionError, UndecidedError
 from contextpolicy.policy import cel_cost, cel_syntax
 from contextpolicy.policy.cel_functions import NAMES
 from contextpolicy.policy.cel_rewriting import SINCE, rewrite
 from contextpolicy.policy.lean_cel import cel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MAX_LENGTH = 1024
 EXACT_COST = 4
@@ -52,6 +56,9 @@ class Bindings(Protocol):
     def size(self, stream: str) -> int:
         """How many values expressions see of the stream."""
 
+    def copied(self, paths: Mapping[tuple[str, ...], int]) -> int:
+        """How many values the library copies to read each of these paths so many times."""
+
     def lacks(self, stream: str, feature: str) -> bool:
         """Whether the stream has this feature, but its window holds no sample."""
 
@@ -64,8 +71,9 @@ class Expression:
     """
 
     __slots__ = (
-        *("_exact", "_fast", "_max_size"),
+        *("_bound", "_exact", "_fast", "_is_bounded", "_repeated", "_step"),
         *("ages", "asked", "contexts", "presence", "reads", "source", "tree", "unknown_functions", "variables"),
+        "__weakref__",
     )
 
     def __init__(self, source: str) -> None:
@@ -79,9 +87,10 @@ class Expression:
         reading, written = cel_cost.read(self.tree), rewrite(self.tree)
         self.reads, self.presence, self.variables = reading.reads, reading.presence, reading.streams
         self.contexts = reading.contexts
-        self.ages, self.asked, self._max_size = written.ages, written.asked, reading.max_size
-        if self._max_size is not None and "__add(" in written.fast:
-            self._max_size //= EXACT_COST
+        self.ages, self.asked = written.ages, written.asked
+        self._bound, self._repeated = reading.bound, reading.repeated
+        self._is_bounded = reading.bound.most() is not None
+        self._step = EXACT_COST if "__add(" in written.fast else 1
         self._exact = _compile(written.exact)
         self._fast = self._exact if written.fast == written.exact else _compile(written.fast)
         self.unknown_functions = named - NAMES
@@ -92,8 +101,8 @@ class Expression:
         It is an UndecidedError when the reason is a stream without a value, or a feature of one.
         """
         exact = scope.whole and not scope.whole.isdisjoint(self.variables)
-        if self._max_size is not None:
-            self._check_size(scope, self._max_size // EXACT_COST if exact else self._max_size)
+        if self._is_bounded:
+            self._check_size(scope, self._step * EXACT_COST if exact else self._step)
         try:
             return (self._exact if exact else self._fast).execute(scope.context)
         except KeyError as error:
@@ -138,7 +147,22 @@ class Expression:
             raise ExpressionError(f"{self.source}: is {value!r}, expected a number")
         return float(value)
 
-    def _check_size(self, scope: Bindings, allowed: int) -> None:
+    def _check_size(self, scope: Bindings, step: int) -> None:
         size = sum(scope.size(name) for name in self.variables)
+        allowed = (self._bound.most(scope.copied(self._repeated)) or 0) // step
         if size > allowed:
             raise ExpressionError(f"{self.source}: reads {size} values: expected at most {allowed}, given its cost")
+
+
+_SHARED: WeakValueDictionary[str, Expression] = WeakValueDictionary()
+
+
+def shared(source: str) -> Expression:
+    """The expression of a source: one that is in use already, since it has no state, or else a new one.
+
+    Compiling 1000 characters takes 10 ms. The policy's loader does that, so that the loop finds it done.
+    """
+    found = _SHARED.get(source)
+    if found is None:
+        found = _SHARED[source] = Expression(source)
+    return found

@@ -2,12 +2,15 @@
 
 Cost is a power of the sample's size: `all` over a list costs n, one inside another n^2, and `map` and `filter` copy
 what they have gathered so far with each step (measured: 0.3 us a step, 35 ms for a map over 1000 numbers, half a minute
-for one that makes lists of lists). So what each may read is limited, to stay within `BUDGET` steps.
+for one that makes lists of lists). The library also copies each list or map of a sample that an expression names, be it
+only to take one value of it (0.02 us a value). So what each may read is limited, to stay within `BUDGET` steps.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from contextpolicy.policy import cel_patterns
 from contextpolicy.policy.cel_functions import FUNCTIONS, MACROS, Macro
@@ -15,10 +18,15 @@ from contextpolicy.policy.cel_kinds import CallCost, ValueKind
 from contextpolicy.policy.cel_syntax import Construct, Node
 from contextpolicy.policy.context_reads import check_name, read_context
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
 BUDGET = 1 << 16
 """Steps of one evaluation, about 20 ms."""
 LEAST_SIZE = 8
 """An expression that can't read a sample of this many values within the budget is refused."""
+COPIES = 16
+"""Values that are copied in the time of a step."""
 MAX_SUMS = 16
 """Plus signs: each copies the texts and lists on its left."""
 
@@ -29,15 +37,18 @@ Path = tuple[str, ...]
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """`reads` are paths such as (imu, gyro): what the expression can see of each stream."""
+    """`reads` are paths such as (imu, gyro): what the expression can see of each stream.
+
+    `repeated` says how often it reads one for each element of a sample's list.
+    """
 
     reads: frozenset[Path]
     presence: frozenset[str]
     """The streams that it asks about, as `heard` does."""
     contexts: frozenset[str]
     """The contexts that it reads."""
-    max_size: int | None
-    """The most values its samples may have together; None where it costs the same whatever it reads."""
+    repeated: Mapping[Path, int]
+    bound: Bound
 
     @property
     def streams(self) -> frozenset[str]:
@@ -51,8 +62,9 @@ def read(tree: Node) -> Reading:
     cost = walk.cost(tree)
     if walk.sums > MAX_SUMS:
         raise ValueError(f"adds more often than {MAX_SUMS} times")
-    most = _max_size(cost, walk)
-    return Reading(frozenset(walk.reads), frozenset(walk.presence), frozenset(walk.contexts), most)
+    bound = _bound(cost, walk)
+    reads, presence, contexts = map(frozenset, (walk.reads, walk.presence, walk.contexts))
+    return Reading(reads, presence, contexts, walk.repeated, bound)
 
 
 def size(value: object) -> int:
@@ -64,19 +76,67 @@ def size(value: object) -> int:
     return 1 + len(value) // 32 if isinstance(value, str | bytes) else 1
 
 
-def _max_size(cost: _Cost, walk: _Walk) -> int | None:
-    """None where what is read is bounded by the size of a message alone."""
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """How much an expression may read: `work` is its cost's power of that, times its `macros` and patterns.
+
+    `depth` is that of the loops over samples in which it names any; `handed_on` is how often it selects from something
+    else in loops.
+    """
+
+    work: int
+    depth: int
+    macros: int
+    literals: int
+    matches: int
+    compiling_each: int
+    accesses: int
+    handed_on: int
+
+    def most(self, copied: int = 0) -> int | None:
+        """The most values its samples may have together; None where what it reads is bounded by a message's size alone.
+
+        `copied` are the values of lists and maps that it names for each element.
+        """
+        bounds = []
+        if self.accesses > _ANY_SAMPLE:
+            bounds.append(BUDGET * COPIES // self.accesses)
+        if self.matches:
+            bounds.append(BUDGET // (self.matches * cel_patterns.MATCH))
+        if self.macros:
+            each = self.macros * max(1, self.compiling_each)
+            bounds.append(_root(BUDGET / each, max(1, self.work)) - self.literals)
+        each = self.macros * copied * (1 + self.handed_on)
+        if each and (self.depth or each > BUDGET * COPIES):
+            bounds.append(_root(BUDGET * COPIES / each, max(1, self.depth)) - self.literals)
+        return max(0, min(bounds)) if bounds else None
+
+
+def _root(budget: float, power: int) -> int:
+    return int(budget ** (1 / power)) - 1
+
+
+_ANY_SAMPLE = BUDGET * COPIES // 10_000
+"""Accesses that may copy the largest sample."""
+
+
+def _bound(cost: _Cost, walk: _Walk) -> Bound:
     if walk.compiling > BUDGET:
         raise ValueError("matches patterns that take too long to compile, as with many \\w")
-    bounds = []
-    if walk.matches:
-        bounds.append(BUDGET // (walk.matches * cel_patterns.MATCH))
-    if walk.macros:
-        each = walk.macros * max(1, walk.compiling_each)
-        bounds.append(int((BUDGET / each) ** (1 / max(1, cost.work))) - 1 - walk.literals)
-    if min(bounds, default=LEAST_SIZE) < LEAST_SIZE:
+    bound = Bound(
+        work=cost.work,
+        depth=walk.depth,
+        macros=walk.macros,
+        literals=walk.literals,
+        matches=walk.matches,
+        compiling_each=walk.compiling_each,
+        accesses=walk.accesses,
+        handed_on=walk.handed_on,
+    )
+    most = bound.most()
+    if most is not None and most < LEAST_SIZE:
         raise ValueError("nests comprehensions, or large patterns in them, so deeply that it may take too long")
-    return min(bounds, default=None)
+    return bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +171,14 @@ class _Walk:
     compiling: int = 0
     compiling_each: int = 0
     """Patterns, the steps that compiling them takes once, and for each element of a list."""
+    accesses: int = 0
+    handed_on: int = 0
+    """Selections from samples, and those from anything else for each element of a list."""
+    repeated: Counter[Path] = field(default_factory=Counter)
+    depth: int = 0
+    loops: int = 0
+    times: int = 1
+    """Loops over samples around the present node, and how often those over lists in the source repeat it."""
     reads: set[Path] = field(default_factory=set)
     presence: set[str] = field(default_factory=set)
     contexts: set[str] = field(default_factory=set)
@@ -130,6 +198,10 @@ class _Walk:
             case Construct.LIST | Construct.MAP:
                 self.literals += max(0, len(node.parts) - 1)
                 return self._all(node) | _Cost(size=1)
+            case Construct.SELECT | Construct.INDEX:
+                self.accesses += 1
+                self.handed_on += bool(self.bound)
+                return self._all(node)
             case Construct.UNARY:
                 return self._all(node).scalar()
             case Construct.BINARY:
@@ -144,10 +216,14 @@ class _Walk:
         return total
 
     def _variable(self, path: Path) -> _Cost:
+        self.accesses += len(path) - 1
         if path[0] in self.bound:
             return _Cost(size=1)
         check_name(path[0])
         self.reads.add(path)
+        if self.bound:
+            self.repeated[path] += self.times
+            self.depth = max(self.depth, self.loops)
         return _Cost(size=1, reads=True)
 
     def _binary(self, node: Node) -> _Cost:
@@ -185,11 +261,17 @@ class _Walk:
         over, variable, *bodies = node.parts
         check_name(variable.text)
         of = self.cost(over)
+        before = self.loops, self.times
+        if over.kind is Construct.LIST:
+            self.times *= len(over.parts)
+        else:
+            self.loops += 1
         self.bound.append(variable.text)
         body = _Cost()
         for part in bodies:
             body |= self.cost(part)
         self.bound.pop()
+        self.loops, self.times = before
         work = max(of.work, of.size + body.work)
         match node.text:
             case Macro.MAP:

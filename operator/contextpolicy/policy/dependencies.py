@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from contextpolicy.policy.activities import Enforce
-from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel import shared
 from contextpolicy.policy.spec import SatisfiedBy
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class TaskTree:
     def _produced(self, task: Task) -> Iterator[tuple[str, str]]:
         """The streams that a task's pre-conditions read, with the tasks that produce them."""
         for requirement in task.preconditions:
-            for stream in sorted(Expression(requirement.when).variables):
+            for stream in sorted(shared(requirement.when).variables):
                 producer = self._producers.get(stream)
                 if producer is not None:
                     yield stream, producer

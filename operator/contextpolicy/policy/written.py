@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel import shared
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -46,4 +46,4 @@ def reads_of(contexts: Iterable[Context]) -> dict[str, list[str]]:
 
 def _read(context: Context) -> frozenset[str]:
     sources = filter(None, (context.when, context.until))
-    return frozenset[str]().union(*(Expression(source).contexts for source in sources))
+    return frozenset[str]().union(*(shared(source).contexts for source in sources))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from prometheus_client import Gauge
 
-from contextpolicy.bus.credentials import CERTIFICATE, KEY
-from contextpolicy.bus.expiry import end
+from contextpolicy.bus.credentials import CA, CERTIFICATE, KEY
+from contextpolicy.bus.expiry import end_of_use
 from contextpolicy.bus.replacement import flaw_of_pair
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 EXPIRY = Gauge(
     "contextpolicy_certificate_expiry_timestamp_seconds",
-    "When the program's certificate for the bus expires, in Unix seconds; NaN if it or its key can't be read.",
+    "When the program's certificate for the bus or all it trusts expires, in Unix seconds; NaN if these can't be read.",
     ["component"],
 )
 
@@ -29,8 +29,9 @@ def publish_expiry(component: str, credentials: Path | None) -> None:
 
 def _end(credentials: Path) -> float:
     try:
-        files = {name: (credentials / name).read_bytes() for name in (CERTIFICATE, KEY)}
+        named = [CERTIFICATE, KEY, *([CA] if (credentials / CA).is_file() else [])]
+        files = {name: (credentials / name).read_bytes() for name in named}
     except OSError:
         return math.nan
-    last = end(files[CERTIFICATE])
+    last = end_of_use(files)
     return math.nan if last is None or flaw_of_pair(files) else last.timestamp()

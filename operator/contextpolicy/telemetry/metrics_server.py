@@ -1,19 +1,14 @@
-"""/metrics over HTTP."""
+"""The operator's and the router's /metrics."""
 
 from __future__ import annotations
 
-from prometheus_client import MetricsHandler
-
-from contextpolicy.bus.http_server import HttpHandler, HttpServer
+from contextpolicy.bus.http_server import HttpServer
 from contextpolicy.bus.listening import EVERYWHERE
-
-
-class _Metrics(HttpHandler, MetricsHandler):
-    """What is registered."""
+from contextpolicy.bus.metrics_page import MetricsPage
 
 
 def serve_metrics(port: int) -> int:
     """Serve what is registered, on threads of its own until the process ends; returns the port."""
-    server = HttpServer((EVERYWHERE, port), _Metrics, "metrics")
+    server = HttpServer((EVERYWHERE, port), MetricsPage, "metrics")
     server.start()
     return server.server_port

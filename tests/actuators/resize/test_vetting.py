@@ -229,15 +229,23 @@ def test_emptied_status_is_detected_whatever_the_policy_has_become(idle):
     assert (limits(found), [doubt.settled for doubt in found.doubts]) == ({"uid-slam": 500}, [True])
 
 
-def test_policy_that_does_not_act_leaves_what_may_be_as_it_was(idle):
+def test_policy_that_does_not_act_leaves_what_is_as_its_owner_says(idle):
     """The last plan of another, deleted policy may have given it just that."""
-    for case in (Case(a_resized_pod(), owner=an_owner("990m")), Case(a_resized_pod(owner=None))):
-        assert idle(case) == idle(Case())
+    assert idle(Case(a_resized_pod(), owner=an_owner("990m"))) == idle(Case())
+
+
+def test_policy_that_does_not_act_reports_a_bare_pod_of_which_no_status_says_anything(idle):
+    found = idle(Case(a_resized_pod(owner=None)))
+    assert (found.stored.pods, found.stored.unproven, found.doubts) == ({}, {}, ())
+    assert found.unknown == {
+        "lab/slam/slam": "an operator resized it, and no status.originals has an entry for it; "
+        "no owner of the pod states its original, so it keeps request 100m, limit 990m"
+    }
 
 
 def test_policy_that_does_not_act_lacks_nothing_that_another_has(idle):
-    case = Case(a_resized_pod(), owner=an_owner())
-    assert idle(case, **{OTHER: signed(500, OTHER)}) == idle(Case())
+    for case in (Case(a_resized_pod(), owner=an_owner()), Case(a_resized_pod(owner=None))):
+        assert idle(case, **{OTHER: signed(500, OTHER)}) == idle(Case())
 
 
 def test_pods_of_other_namespaces_are_ignored():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -57,7 +58,26 @@ COSTLY = [
     "x.s.contains('b') || x.s.matches('(a*)*b') || x.s.matches('(.|a)*(.|a)*$')",
     r"x.s.matches('\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w\\w')",
     "norm(x.l) > max(x.l) && x.l == x.l",
+    "x.l.all(a, x.l[0] - x.l[1] < 1.0)",
+    "x.l.all(a, {'l': x.l}.l[0] > 0.0)",
+    "x.l.all(a, [x.l, x.l][0][0] > 0.0)",
+    "[" + "1," * 380 + "1].all(a, " + "||".join(["x.d.d.d.d.d.d.l[0]<0.0"] * 9) + " || true)",
+    "x.l.all(a, " + " || ".join(["x" + ".d" * depth + " > 0.0" for depth in range(1, 7)] * 5) + " || true)",
+    "x.l.all(a, (a > 0.0 ? x.l : x.l)[0] * x.l[0] > 0.0)",
+    "x.l.all(a, x.l > 0.0 || x.l < 0.0 || true)",
+    "x.m.all(k, x.m[k] * x.m.k1 * x.m.k2 > 0.0)",
+    "x.l.all(a, x.d.d.d.d.d.d.l[0] > 0.0)",
+    " || ".join(["x.d.d.d.d.d.d.l[0]<0.0"] * 37),
+    "||".join(["x.l[0]<0.0"] * 85),
 ]
+
+
+def _a_sample(count: int) -> dict[str, Any]:
+    numbers = [1.5] * count
+    deep: dict[str, Any] = {"l": numbers}
+    for _ in range(6):
+        deep = {"d": deep}
+    return {"l": numbers, "m": {f"k{index}": 1.5 for index in range(count)}, "s": "a" * 32 * count} | deep
 
 
 @pytest.mark.parametrize("source", COSTLY)
@@ -66,7 +86,7 @@ def test_accepted_expressions_have_bounded_cost(source):
     scope = Scope()
     expression = scope.compile(source)
     for count in (10_000, 2_500, 600, 250, 170, 120, 60, 35, 20, 10):
-        scope.bind("x", {"l": [1.5] * count, "s": "a" * 32 * count})
+        scope.bind("x", _a_sample(count))
         begin = time.thread_time()
         with suppress(ExpressionError):
             expression.evaluate(scope)
@@ -78,10 +98,16 @@ def test_the_message_names_the_size_and_what_is_allowed():
         evaluate("x.l.map(a, x.l).size() > 0", x={"l": [1.0] * 500})
 
 
-def test_a_plain_condition_over_a_whole_laser_scan_is_allowed():
-    scan = {"ranges": [2.0] * 1440, "intensities": [1.0] * 1440, "range_min": 0.1}
-    source = "scan.ranges.exists(r, r < 0.5 && r > scan.range_min)"
-    assert evaluate(source, scan=scan) is False
+@pytest.mark.parametrize("least", ["scan.range_min", "scan.range.min", "imu.limits[0]"])
+def test_a_plain_condition_over_a_whole_laser_scan_is_allowed(least):
+    scan = {"ranges": [2.0] * 1440, "intensities": [1.0] * 1440, "range_min": 0.1, "range": {"min": 0.1}}
+    source = f"scan.ranges.exists(r, r < 0.5 && r > {least})"
+    assert evaluate(source, scan=scan, imu={"limits": [0.1, 3.0]}) is False
+
+
+def test_a_few_beams_of_a_whole_laser_scan_may_be_named():
+    scan = {"ranges": [2.0] * 4000}
+    assert evaluate("[0, 1, 2, 3].exists(i, scan.ranges[i] < 0.5)", scan=scan) is False
 
 
 TOKENS = st.sampled_from(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import time
 from itertools import islice
 from types import SimpleNamespace
 
 import pytest
 
 from contextpolicy.planning.conditions.expressions import Guarded
-from contextpolicy.planning.conditions.scope import MAX_TRIALS, Scope, trials
+from contextpolicy.planning.conditions.scope import Scope
+from contextpolicy.planning.conditions.unknown_numbers import MAX_TRIALS, trials
 
 
 @pytest.mark.parametrize(
@@ -86,6 +88,40 @@ def test_how_often_unknown_numbers_are_tried_is_bounded(numerals, unknown):
     assert {one[0] for one in tried} == set(numbers)
     if unknown == 2 and numerals <= 3:
         assert set(tried) == {(first, second) for first in numbers for second in numbers}
+
+
+THRESHOLDS = " || ".join(["r <= 1.0", "r > 1.0", *(f"r == 1.{digit}" for digit in range(1, 10))])
+
+
+@pytest.mark.parametrize(
+    "source", ["scan.ranges.all(r, r <= r)", "scan.ranges.exists(r, r < 0.5)", f"scan.ranges.all(r, {THRESHOLDS})"]
+)
+@pytest.mark.parametrize("count", [720, 10_000, 20_000])
+def test_conditions_on_many_unknown_numbers_have_bounded_cost(source, count):
+    """The worst found is some 0.2 s of CPU; unbounded, it is 7 s."""
+    reported: list[str] = []
+    listener = SimpleNamespace(
+        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
+    )
+    scope = Scope()
+    guarded = Guarded(scope.compile(source), scope, listener)
+    scope.bind("scan", {"ranges": [math.nan] * (count - 1) + [0.1]})
+    begin = time.thread_time()
+    truth = guarded.truth(0.0)
+    assert time.thread_time() - begin < 1.0
+    assert truth is not bool(reported)
+
+
+def test_numbers_that_are_too_many_to_be_tried_are_reported():
+    reported: list[str] = []
+    listener = SimpleNamespace(
+        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
+    )
+    scope = Scope()
+    guarded = Guarded(scope.compile(f"scan.ranges.all(r, {THRESHOLDS})"), scope, listener)
+    scope.bind("scan", {"ranges": [math.nan] * 5000})
+    assert not guarded.truth(0.0)
+    assert reported == ["reads a NaN among 5002 values, allowed for the numbers it compares them with: 1524"]
 
 
 def test_a_real_error_is_reported_despite_nan():

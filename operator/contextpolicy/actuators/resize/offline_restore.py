@@ -45,7 +45,8 @@ class RestoreApi(pod_patch.ResizeApi, LeaseReader, VettingApi, Protocol):
 class Restored:
     """The outcome for one container that `policy` resized; `error` says why it could not be restored.
 
-    Where the containers themselves are unknown, `container` names their pod.
+    `note` says why it is left as it is, although nobody knows that it had this. Where the containers themselves are
+    unknown, `container` names their pod.
     """
 
     container: str
@@ -53,6 +54,7 @@ class Restored:
     moved: Cpu | None = None
     original: Cpu | None = None
     error: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +114,13 @@ def restore(
     operator serves: it would resize the containers again, and what they had before would be lost.
     """
     parts: list[_Part] = []
-    damaged: list[Restored] = []
+    rest: list[Restored] = []
     try:
         holders = holders_of(policies_of(api, namespace), occupancy)
         alive = {pod.uid: pod for pod in map(view, api.pods(namespace)) if not pod.ended}
         for policy, found in _vetted(api, namespace, _vetting(api, signatures, alive.values()), free_of(holders)):
             parts += _parts(policy, found, alive)
-            damaged += _unreadable(policy, found)
+            rest += [*_unreadable(policy, found), *_unknown(policy, found)]
     except ActuationError as error:
         yield Unread(namespace, error)
         return
@@ -134,7 +136,7 @@ def restore(
         elif part.pod.namespace not in gone:
             gone.add(part.pod.namespace)
             yield LeftAlone(part.pod.namespace, holder)
-    yield from damaged
+    yield from rest
 
 
 def settle(api: RestoreApi, namespaces: Iterable[str | None], occupancy: Occupancy) -> None:
@@ -238,6 +240,11 @@ def _unreadable(policy: Mapping[str, Any], vetted: Vetted) -> Iterator[Restored]
     reference, stored = reference_of(policy), raw_of(policy)
     for uid in stored.keys() - dict(read(reference, stored)).keys() - vetted.stored.pods.keys():
         yield Restored(f"pod {uid}", reference, error=f"status.originals.{uid} of {reference} can't be read")
+
+
+def _unknown(policy: Mapping[str, Any], vetted: Vetted) -> Iterator[Restored]:
+    for container, text in vetted.unknown.items():
+        yield Restored(container, reference_of(policy), note=text)
 
 
 def _restore_part(api: RestoreApi, part: _Part, *, dry_run: bool) -> Iterator[Restored]:

@@ -7,7 +7,7 @@ an operator has resized and not put back.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.actuators.resize.stored_originals import StoredPod, quantities, raw_of, read, stored_in
@@ -52,10 +52,21 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True)
 class Vetted:
-    """A status's originals, and what was found wrong with them."""
+    """A status's originals, and what was found wrong with them.
+
+    `unknown` are containers, by name for people, of which a policy that does not act may lack the original, with the
+    reason.
+    """
 
     stored: StoredOriginals
     doubts: tuple[Doubt, ...] = ()
+    unknown: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def news(self) -> str:
+        """What people have to hear of; empty if nothing."""
+        unknown = (f"{container}: {reason}" for container, reason in self.unknown.items())
+        return "; ".join([*(doubt.text for doubt in self.doubts), *unknown])
 
 
 class Vetting:
@@ -100,7 +111,7 @@ class Vetting:
         `held` are the containers whose originals policies of its namespace have; None means that they are to be read.
 
         Of what a policy lacks that does not act, only what an owner's template says otherwise counts. Without a
-        template it may be as it was: a last plan may give a container just what it had.
+        template it is unknown: a last plan may have given the container just what it had.
         """
         metadata = body["metadata"]
         namespace, reference = metadata["namespace"], f"{metadata['namespace']}/{metadata['name']}"
@@ -108,7 +119,10 @@ class Vetting:
         true = self._true(reference, every)
         templates = Templates(self._api)
         lost = self._lost(reference, _resized_by(policy, pods), true, held)
+        unknown: dict[str, str] = {}
         if not _acts(policy):
+            bare = [(pod, name) for pod, name in lost if pod.uid not in every and name not in templates.cpu(pod)]
+            unknown = {container_id(pod, name): _unknown(pod.by_name[name]) for pod, name in bare}
             lost = [(pod, name) for pod, name in lost if _differs(pod.by_name[name], templates.cpu(pod).get(name))]
         suspects = {(pod.name, name, pod.uid): pod for pod, name in (*self._unproven(pods, raw_of(body), true), *lost)}
         doubts: list[Doubt] = []
@@ -128,7 +142,7 @@ class Vetting:
             entry.containers[name] = found
         known = {uid: entry for uid, entry in true.items() if uid not in unproven}
         reported = tuple(doubt for doubt in doubts if not (doubt.settled and doubt.uid in unproven))
-        return Vetted(replace(stored_in(body), pods=known, unproven=unproven), reported)
+        return Vetted(replace(stored_in(body), pods=known, unproven=unproven), reported, unknown)
 
     def _true(self, reference: str, every: Mapping[str, StoredPod]) -> dict[str, StoredPod]:
         return {uid: entry for uid, entry in every.items() if self._signatures.prove(reference, uid, entry)}
@@ -211,6 +225,13 @@ def _text(pod: PodView, container: ContainerView, entry: StoredPod | None, found
         if entry:
             rest += f", and the entry stays; {WAY_OUT_OF_SIGNED if entry.signature else WAY_OUT}"
     return f"{container_id(pod, container.name)}: status.originals {stored}; {rest}"
+
+
+def _unknown(container: ContainerView) -> str:
+    return (
+        "an operator resized it, and no status.originals has an entry for it; "
+        f"no owner of the pod states its original, so it keeps {_amounts(container.spec)}"
+    )
 
 
 def _signed_by(entry: StoredPod | None) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.errors import ExpressionError
+from contextpolicy.planning.conditions.unknown_numbers import MAX_TRIALS, MAX_TRIED, nans, trials, without_nan
 from contextpolicy.policy import cel_cost, cel_numbers, context_reads
-from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel import shared
 from contextpolicy.policy.cel_functions import RUN
 from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
 from contextpolicy.policy.lean_cel import cel
@@ -16,11 +17,8 @@ from contextpolicy.policy.lean_cel import cel
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
+    from contextpolicy.policy.cel import Expression
     from contextpolicy.policy.cel_rewriting import Age
-
-
-MAX_TRIALS = 256
-"""Evaluations of one condition with numbers in place of several NaNs, some 2 ms; less where it does not hold."""
 
 
 class Watcher(Protocol):
@@ -85,7 +83,7 @@ class Scope:
 
     def compile(self, source: str) -> Expression:
         """An expression to be evaluated in this scope; ValueError says what is wrong with the source."""
-        expression = Expression(source)
+        expression = shared(source)
         for path in expression.reads:
             _grow(self._reads, path)
         for stream in {age.stream for age in expression.ages} - self._aged:
@@ -162,6 +160,23 @@ class Scope:
         """How many values expressions see of the stream."""
         return cel_cost.size(self._values.get(stream))
 
+    def copied(self, paths: Mapping[tuple[str, ...], int]) -> int:
+        """How many values the library copies to read each of these paths so many times.
+
+        That is each list or map on the way, but for the whole sample.
+        """
+        prefixes: Counter[tuple[str, ...]] = Counter()
+        for path, times in paths.items():
+            for length in range(2, len(path) + 1):
+                prefixes[path[:length]] += times
+        return sum(times * self._inside(prefix) for prefix, times in prefixes.items())
+
+    def _inside(self, path: tuple[str, ...]) -> int:
+        found = self._values.get(path[0])
+        for name in path[1:]:
+            found = found.get(name) if isinstance(found, dict) else None
+        return cel_cost.size(found) if isinstance(found, dict | list) else 0
+
     def lacks(self, stream: str, feature: str) -> bool:
         """Whether the stream has this feature, but its window holds no sample."""
         return feature in self._lacking.get(stream, ())
@@ -187,58 +202,28 @@ class Scope:
 
     def holds_nan(self, streams: Iterable[str]) -> bool:
         """Whether expressions see a NaN in any of these streams."""
-        return any(_nans(self._values.get(stream)) for stream in streams)
+        return any(nans(self._values.get(stream)) for stream in streams)
 
     def holds_for_each(self, numbers: Sequence[float], streams: Iterable[str], holds: Callable[[Scope], bool]) -> bool:
         """Whether it holds whichever of the numbers each NaN is; puts the NaNs back afterwards."""
         values = {stream: self._values[stream] for stream in streams if stream in self._values}
-        unknown = sum(_nans(value) for value in values.values())
+        unknown, size = sum(map(nans, values.values())), sum(map(cel_cost.size, values.values()))
+        allowed = 4 * MAX_TRIED // len(numbers)
+        if size > allowed:
+            raise ExpressionError(
+                f"reads a NaN among {size} values, allowed for the numbers it compares them with: {allowed}"
+            )
+        most = min(MAX_TRIALS, 1 + MAX_TRIED // size)
         try:
-            return all(holds(self._with(values, trial)) for trial in trials(numbers, unknown))
+            return all(holds(self._with(values, trial)) for trial in trials(numbers, unknown, most))
         finally:
             for stream, value in values.items():
                 self.context.add_variable(stream, value)
 
     def _with(self, values: Mapping[str, object], trial: Iterator[float]) -> Scope:
         for stream, value in values.items():
-            self.context.add_variable(stream, _without_nan(value, trial))
+            self.context.add_variable(stream, without_nan(value, trial))
         return self
-
-
-def trials(numbers: Sequence[float], unknown: int) -> Iterator[Iterator[float]]:
-    """Numbers to try for so many unknown ones: one for all of them, then different ones.
-
-    Two unknown numbers get each pair, as long as that is at most `MAX_TRIALS`. Of more each two get many pairs: to try
-    all combinations would take too long.
-    """
-    count = len(numbers)
-    apart = 0 if unknown < 2 else count - 1
-    for step in range(0, apart + 1, max(1, count * count // MAX_TRIALS)):
-        for first in range(count):
-            yield (numbers[(first + place * step) % count] for place in range(unknown))
-
-
-def _nans(value: object) -> int:
-    """How many NaNs it holds."""
-    match value:
-        case float():
-            return math.isnan(value)
-        case dict():
-            return sum(map(_nans, value.values()))
-        case list():
-            return sum(map(_nans, value))
-    return 0
-
-
-def _without_nan(value: Any, numbers: Iterator[float]) -> Any:
-    match value:
-        case float():
-            return next(numbers) if math.isnan(value) else value
-        case dict():
-            return {name: _without_nan(inner, numbers) for name, inner in value.items()}
-        case list():
-            return [_without_nan(inner, numbers) for inner in value]
-    return value
 
 
 def is_same(value: Any, other: Any) -> bool:

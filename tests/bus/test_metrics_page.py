@@ -1,0 +1,89 @@
+"""/metrics is open to anybody in the cluster: who asks without pause gets little of the process's CPU."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import contextmanager
+from threading import Thread
+from urllib.request import urlopen
+
+import pytest
+from prometheus_client import REGISTRY
+
+from contextpolicy.agent.service import serve as serve_agent
+from contextpolicy.bus.metrics_page import MetricsPage, PageTurns
+from contextpolicy.bus.questions import REST
+from contextpolicy.telemetry.metrics_server import serve_metrics
+from tests.waiting import PATIENCE
+
+
+def test_each_turn_is_followed_by_a_rest():
+    now = [0.0]
+    turns = PageTurns(lambda: now[0])
+    assert turns.pause == 0
+    with turns.take():
+        now[0] += 2.0
+    assert turns.pause == 2.0 * REST
+    now[0] += 5.0
+    assert turns.pause == 2.0 * REST - 5.0
+
+
+def test_one_turn_is_taken_at_a_time():
+    turns, order = PageTurns(lambda: 0.0), []
+
+    def second() -> None:
+        with turns.take():
+            order.append("second")
+
+    waiting = Thread(target=second)
+    with turns.take():
+        waiting.start()
+        order.append("first")
+    waiting.join(PATIENCE)
+    assert order == ["first", "second"]
+
+
+class Watching:
+    """A collector that says whether a turn was taken for the page."""
+
+    taken = False
+
+    def __init__(self) -> None:
+        self.pages: list[bool] = []
+
+    @contextmanager
+    def take(self):
+        self.taken = True
+        yield
+        self.taken = False
+
+    def describe(self):
+        return []
+
+    def collect(self):
+        self.pages.append(self.taken)
+        return []
+
+
+@pytest.fixture
+def watching(monkeypatch):
+    collector = Watching()
+    monkeypatch.setattr(MetricsPage, "turns", collector)
+    REGISTRY.register(collector)
+    yield collector
+    REGISTRY.unregister(collector)
+
+
+@pytest.mark.parametrize("serve", [serve_metrics, lambda port: serve_agent(port, lambda: True)])
+def test_a_page_is_made_in_a_turn(watching, serve):
+    with urlopen(f"http://127.0.0.1:{serve(0)}/metrics", timeout=PATIENCE) as page:
+        assert b"process_cpu_seconds_total" in page.read()
+    assert watching.pages == [True]
+
+
+def test_a_scraper_that_does_not_read_keeps_no_other_waiting():
+    port = serve_metrics(0)
+    with socket.create_connection(("127.0.0.1", port)) as deaf:
+        deaf.sendall(b"GET /metrics HTTP/1.1\r\n\r\n")
+        with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=PATIENCE) as page:
+            assert page.status == 200
