@@ -21,6 +21,10 @@ class Background:
             thread.start()
         return self
 
+    def check(self) -> None:
+        """AssertionError if one of the functions has ended already: it failed, and waiting for it would be in vain."""
+        assert all(thread.is_alive() for thread in self._threads), "a thread of the background has ended"
+
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         for thread in self._threads:

@@ -31,6 +31,7 @@ from tests.soak import growth, oracle, page, story
 from tests.soak.growth import Size
 from tests.soak.story import Coming, Flip, Killing, Trouble
 from tests.soak.troubles import Troubles
+from timelines.demo import deploy
 from timelines.demo.cgroup import Cgroup, find
 
 pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="kills parts of the node: not on yours")
@@ -138,6 +139,7 @@ class Stage(Background):
         began = time.monotonic()
         for event in events:
             time.sleep(max(0.0, began + event.at - time.monotonic()))
+            self.check()
             self._carry_out(event)
         until("every part is back", lambda: not self._missing() or self._missing(), RECOVERY)
         for name in components.names():
@@ -192,7 +194,7 @@ class Stage(Background):
         while not self._stop.wait(0.2):
             if self._coming_troubles:
                 one = self._coming_troubles[0]
-                with contextlib.suppress(AssertionError, subprocess.TimeoutExpired):
+                with contextlib.suppress(AssertionError, LookupError, deploy.DeployError, subprocess.TimeoutExpired):
                     self.troubles.have(one.kind, one.task)
                 self._coming_troubles.popleft()
 
