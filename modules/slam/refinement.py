@@ -137,7 +137,7 @@ class Refiner:
             [none, focal * near, -focal * near * y, -focal * (1 + y * y), focal * x * y, focal * x, none],
             [none, none, -there * near, -there * y, there * x, none, shifts],
         ]
-        return np.moveaxis(np.array(rows), -1, 0)
+        return np.ascontiguousarray(np.moveaxis(np.array(rows), -1, 0))
 
     def _by_disparity(self, x: Floats, y: Floats, there: Floats, depths: Floats, shift: Floats) -> Floats:
         """Derivatives of the same by the landmark's disparity in the keyframe, N x 3."""
@@ -172,7 +172,7 @@ class _System:
         by_offset = np.outer(self.shifts, np.eye(7)[6]) / DISPARITY_NOISE
         own = (self.by_disparity**2).sum(axis=1) + DISPARITY_NOISE**-2
         pull = (self.by_disparity * self.rest).sum(axis=1) + self.prior / DISPARITY_NOISE
-        mixed = (self.by_pose * self.by_disparity[:, :, None]).sum(axis=1) + by_offset / DISPARITY_NOISE
+        mixed = np.einsum("nij,ni->nj", self.by_pose, self.by_disparity) + by_offset / DISPARITY_NOISE
         weighted = (self.by_pose * weights[:, None, None]).reshape(-1, 7)
         information = weighted.T @ self.by_pose.reshape(-1, 7) - (mixed * (weights / own)[:, None]).T @ mixed
         gradient = weighted.T @ self.rest.ravel() - mixed.T @ (weights * pull / own)

@@ -36,7 +36,7 @@ WIDE, NARROW = 100.0, 12.0
 """Pixels around the place where a landmark is expected: before and after the camera's turn is known."""
 MIN_DEPTH = 0.1
 MARGIN = 20
-FOLLOWING = (13, 2)
+FOLLOWING = (11, 2)
 """Window in pixels, and levels of a pyramid, of the flow that follows landmarks."""
 FEATURE_NOISE = 1.0
 """Standard deviation in pixels of where ORB sees a corner."""
