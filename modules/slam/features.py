@@ -103,13 +103,13 @@ def detect(image: Image, count: int) -> Features:
     keypoints, descriptors = orb.compute(image, [found[index] for index in chosen])
     if descriptors is None:
         return Features(np.empty((0, 2)), np.empty((0, 32), np.uint8))
-    return Features(floats(cv2.KeyPoint.convert(keypoints)), descriptors.astype(np.uint8))
+    return Features(np.array(cv2.KeyPoint.convert(keypoints), np.float64), descriptors.astype(np.uint8))
 
 
 def _spread(keypoints: Sequence[cv2.KeyPoint]) -> Indices:
     """Indices in the order of their rank in their cell, and of their strength among those of the same rank."""
     strengths = np.array([point.response for point in keypoints])
-    columns, rows = (cv2.KeyPoint.convert(keypoints) // CELL).astype(np.intp).T
+    columns, rows = (np.array(cv2.KeyPoint.convert(keypoints)) // CELL).astype(np.intp).T
     cells = rows * (columns.max() + 1) + columns
     order = np.lexsort((-strengths, cells))
     counts = np.unique(cells, return_counts=True)[1]
