@@ -148,11 +148,15 @@ def _rectification(left: Camera, right: Camera, right_from_left: Floats) -> tupl
     return tuple(map(floats, cv2.stereoRectify(*intrinsics, turn, shift, alpha=0)[:4]))
 
 
-def _maps(camera: Camera, turn: Floats, projection: Floats) -> tuple[NDArray[Any], NDArray[Any]]:
+def _maps(camera: Camera, turn: Floats, projection: Floats) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    """Where each pixel is from, and by what parts of a pixel beside that; None if all stay where they are."""
     undistort = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
     first, second = undistort(camera.matrix, camera.distortion, turn, projection, camera.size, cv2.CV_16SC2)
-    return first, second
+    stay = np.dstack(np.meshgrid(np.arange(camera.size[0]), np.arange(camera.size[1])))
+    return None if not second.any() and np.array_equal(first, stay) else (first, second)
 
 
-def _remap(image: Image, maps: tuple[NDArray[Any], NDArray[Any]]) -> Image:
+def _remap(image: Image, maps: tuple[NDArray[Any], NDArray[Any]] | None) -> Image:
+    if maps is None:
+        return image
     return cv2.remap(image, *maps, interpolation=cv2.INTER_LINEAR).astype(np.uint8, copy=False)

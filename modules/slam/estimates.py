@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import cv2
 import numpy as np
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from modules.slam.sequences import Recording
     from robotkit.stereo import StereoFrame
 
+    Located: TypeAlias = tuple[State, Floats, Floats | None]
+    """The body's pose, and its covariance where one is said."""
+
 POSE_KEY = "robot/slam/pose"
 
 
@@ -47,6 +50,8 @@ class Estimate:
     dropped: int = 0
     cpu: list[float] = field(default_factory=list)
     """Seconds of CPU for each frame."""
+    deviation: float | None = None
+    """Standard deviation in metres of the last pose's place, in its worst direction; None where none is said."""
 
     @property
     def frames(self) -> int:
@@ -98,11 +103,11 @@ def run(folder: Path, *, quality: float = 1.0, loops: bool = True) -> Estimate:
     sequence = recording(folder)
     slam = StereoSlam(Rectifier(sequence.rig), effort(quality))
 
-    def locate(frame: StereoFrame) -> tuple[State, Floats]:
+    def locate(frame: StereoFrame) -> Located:
         pose = track(slam, frame)
         if loops and not pose.is_keyframe:
             slam.close_loop()
-        return pose.state, pose.world_from_body
+        return pose.state, pose.world_from_body, pose.covariance
 
     return _over(sequence, locate)
 
@@ -112,24 +117,29 @@ def run_baseline(folder: Path) -> Estimate:
     sequence = recording(folder)
     baseline = Baseline(Rectifier(sequence.rig))
 
-    def locate(frame: StereoFrame) -> tuple[State, Floats]:
+    def locate(frame: StereoFrame) -> Located:
         body = baseline.track(decoded(frame.left, gray=True), decoded(frame.right, gray=True))
-        return (State.LOST, np.eye(4)) if body is None else (State.TRACKING, body)
+        return (State.LOST, np.eye(4), None) if body is None else (State.TRACKING, body, None)
 
     return _over(sequence, locate)
 
 
-def _over(sequence: Recording, locate: Callable[[StereoFrame], tuple[State, Floats]]) -> Estimate:
+def _deviation(covariance: Floats | None) -> float | None:
+    return None if covariance is None else float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+
+
+def _over(sequence: Recording, locate: Callable[[StereoFrame], Located]) -> Estimate:
     """Locate every frame, on one core, and measure what that takes."""
     cv2.setNumThreads(1)
     estimate = Estimate()
     for frame in sequence.frames:
         before = time.process_time()
         try:
-            state, body = locate(frame)
+            state, body, covariance = locate(frame)
         except MessageError:
             estimate.broken += 1
             continue
         estimate.cpu.append(time.process_time() - before)
+        estimate.deviation = _deviation(covariance)
         estimate.add(state, frame.stamp, [*body[:3, 3].tolist(), *quaternion(body[:3, :3])])
     return estimate

@@ -26,13 +26,16 @@ MAX_HAMMING = 60
 MAX_ROW_ERROR = 2.0
 MIN_DISPARITY = 1.5
 """Five standard deviations of the noise: below, a landmark may be anywhere."""
-COARSE_BEYOND, COARSE_RANGE, COARSE_BLOCK = 8, 80, 9
-"""Pixels of pictures of half the size: disparities that are searched, some behind infinity, as what matches best
-there has no depth or the calibration is wrong; and the blocks that are compared."""
-MOST_CORRECTION = 2.0
+COARSENESS, COARSE_BEYOND, COARSE_RANGE, COARSE_BLOCK = 3, 5, 64, 9
+"""Pictures a third as wide and high, and in their pixels: disparities that are searched, some behind infinity, as what
+matches best there has no depth or the calibration is wrong; and the blocks that are compared."""
+MOST_CORRECTION = 3.0
 """Pixels by which a coarse disparity may be wrong."""
 CANDIDATES, CELL = 3, 32
 """Corners that are looked for, as a multiple of those kept; and the side in pixels of the cells that share them."""
+LEVELS, STEP = 4, 1.4
+"""How often, and by what, the picture is made smaller to find corners of other sizes: the places of those that are
+found in smaller ones are less exact."""
 SHARPENING = (11, 0)
 """Pixels, and levels of a pyramid, that flow takes to find a corner's place to parts of a pixel."""
 STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
@@ -83,7 +86,7 @@ class Picture:
 
 def lit(image: Image) -> Image:
     """A dark picture as if there were more light: corners are found by their contrast."""
-    gain = min(BRIGHT / max(float(np.percentile(image[::4, ::4], 99)), 1), MOST_GAIN)
+    gain = min(BRIGHT / max(float(np.percentile(image[::8, ::8], 99)), 1), MOST_GAIN)
     if gain <= 1:
         return image
     brighter = cv2.convertScaleAbs(image, alpha=gain)
@@ -92,19 +95,21 @@ def lit(image: Image) -> Image:
 
 def detect(image: Image, count: int) -> Features:
     """Find at most `count` corners, all over the picture: the strongest of each cell first, then the second ones."""
-    orb = cv2.ORB.create(nfeatures=CANDIDATES * count, fastThreshold=12, edgeThreshold=19)
+    orb = cv2.ORB.create(
+        nfeatures=CANDIDATES * count, nlevels=LEVELS, scaleFactor=STEP, fastThreshold=12, edgeThreshold=19
+    )
     found = orb.detect(image, None)
     chosen: Sequence[int] = _spread(found)[:count].tolist() if found else []
     keypoints, descriptors = orb.compute(image, [found[index] for index in chosen])
     if descriptors is None:
         return Features(np.empty((0, 2)), np.empty((0, 32), np.uint8))
-    return Features(np.array([point.pt for point in keypoints]), descriptors.astype(np.uint8))
+    return Features(np.array(cv2.KeyPoint.convert(keypoints), np.float64), descriptors.astype(np.uint8))
 
 
 def _spread(keypoints: Sequence[cv2.KeyPoint]) -> Indices:
     """Indices in the order of their rank in their cell, and of their strength among those of the same rank."""
     strengths = np.array([point.response for point in keypoints])
-    columns, rows = (np.array([point.pt for point in keypoints]) // CELL).astype(np.intp).T
+    columns, rows = (np.array(cv2.KeyPoint.convert(keypoints)) // CELL).astype(np.intp).T
     cells = rows * (columns.max() + 1) + columns
     order = np.lexsort((-strengths, cells))
     counts = np.unique(cells, return_counts=True)[1]
@@ -117,18 +122,21 @@ def match(first: Descriptors, second: Descriptors, allowed: Mask | None = None) 
     """Pair descriptors that are each other's nearest among the allowed pairs; returns indices into both."""
     if not len(first) or not len(second):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    mask = None if allowed is None else allowed.astype(np.uint8)
-    distances, nearest = _nearest(first, second, mask)
-    _, back = _nearest(second, first, None if mask is None else mask.T.copy())
-    rows = np.arange(len(first))
-    mutual = (nearest >= 0) & (back[nearest] == rows) & (distances < MAX_HAMMING)
+    distances = _hamming(first, second)
+    if allowed is not None:
+        distances[~allowed] = MAX_HAMMING
+    rows, nearest, back = np.arange(len(first)), distances.argmin(axis=1), distances.argmin(axis=0)
+    mutual = (back[nearest] == rows) & (distances[rows, nearest] < MAX_HAMMING)
     return rows[mutual], nearest[mutual]
 
 
-def _nearest(first: Descriptors, second: Descriptors, mask: NDArray[np.uint8] | None) -> tuple[Indices, Indices]:
-    """Distance to, and index of, the nearest in `second`; the index is -1 where the mask allows none."""
-    distances, indices = cv2.batchDistance(first, second, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1, mask=mask)
-    return distances.ravel().astype(np.intp), indices.ravel().astype(np.intp)
+def _hamming(first: Descriptors, second: Descriptors) -> NDArray[np.uint16]:
+    """How many bits differ, of each of the first from each of the second; 8 bytes at once."""
+    distances = np.zeros((len(first), len(second)), np.uint16)
+    columns = (np.ascontiguousarray(each.view(np.uint64).T) for each in (first, second))
+    for one, other in zip(*columns, strict=True):
+        distances += np.bitwise_count(one[:, None] ^ other)
+    return distances
 
 
 def measure(left: Picture, right: Picture) -> Floats:
@@ -145,14 +153,16 @@ def measure(left: Picture, right: Picture) -> Floats:
 
 
 def _coarse(left: Image, right: Image, pixels: Floats) -> Floats:
-    """Disparities by block matching in pictures of half the size; negative where nothing matches."""
+    """Disparities by block matching in smaller pictures; negative where nothing matches."""
     matcher = cv2.StereoBM.create(COARSE_RANGE, COARSE_BLOCK)
     matcher.setMinDisparity(-COARSE_BEYOND)
-    halves = (cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for picture in (left, right))
-    wide = (cv2.copyMakeBorder(half, 0, 0, COARSE_RANGE, COARSE_BEYOND, cv2.BORDER_REPLICATE) for half in halves)
+    part = 1 / COARSENESS
+    small = (cv2.resize(picture, None, fx=part, fy=part, interpolation=cv2.INTER_AREA) for picture in (left, right))
+    wide = (cv2.copyMakeBorder(one, 0, 0, COARSE_RANGE, COARSE_BEYOND, cv2.BORDER_REPLICATE) for one in small)
     found = matcher.compute(*wide)[:, COARSE_RANGE:-COARSE_BEYOND]
-    columns, rows = np.minimum(pixels.T / 2, np.array(found.shape[::-1])[:, None] - 1).astype(np.intp)
-    disparities: Floats = found[rows, columns] / 8.0  # sixteenths of a pixel, of twice the size
+    places = (pixels.T + 0.5) / COARSENESS
+    columns, rows = np.minimum(places, np.array(found.shape[::-1])[:, None] - 1).astype(np.intp)
+    disparities: Floats = found[rows, columns] / 16.0 * COARSENESS  # it counts sixteenths of a pixel
     return disparities
 
 

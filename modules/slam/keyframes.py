@@ -36,7 +36,7 @@ class Keyframe:
     image: Image | None = None
     doubt: str | None = None
     offset: float = 0.0
-    """Pixels that its landmarks' disparities were corrected by."""
+    """Pixels that disparities in its picture's middle were corrected by."""
 
     def __len__(self) -> int:
         """How many landmarks it has."""

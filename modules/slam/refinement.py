@@ -35,11 +35,17 @@ MIN_DEPTH, MIN_DISPARITY = 1e-3, 1e-3
 
 @dataclass(frozen=True)
 class Offset:
-    """Pixels by which all disparities are too large, as the right camera is turned against its calibration."""
+    """Pixels by which disparities in the picture's middle are too large: the right camera is turned sideways."""
 
     pixels: float = 0.0
     spread: float = OFFSET_NOISE
     """Standard deviation."""
+
+
+def turn_shifts(matrix: Floats, pixels: Floats) -> Floats:
+    """How many times as far as in the picture's middle a sideways turn of the camera shifts what is seen there."""
+    shifts: Floats = 1 + ((pixels[:, 0] - matrix[0, 2]) / matrix[0, 0]) ** 2
+    return shifts
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,7 @@ class Refiner:
     """Fits poses of a camera with this calibration."""
 
     def __init__(self, rectifier: Rectifier) -> None:
+        self._matrix: Floats = rectifier.matrix
         self._focal = float(rectifier.matrix[0, 0])
         self._centre: Floats = rectifier.matrix[:2, 2]
         self._baseline = rectifier.baseline
@@ -80,7 +87,7 @@ class Refiner:
     def fit(self, sightings: Sightings, keyframe_from_camera: Floats) -> Fitted:
         """Start from a pose that is roughly right."""
         pose, offset = inverse(keyframe_from_camera), sightings.offset.pixels
-        disparities = np.maximum(sightings.disparities - offset, MIN_DISPARITY)
+        disparities = np.maximum(sightings.disparities - offset * self._shifts(sightings.pixels), MIN_DISPARITY)
         for _ in range(ROUNDS):
             step, changes, _ = self._linearised(sightings, pose, disparities, offset).solved()
             pose, offset = twist(step[:6]) @ pose, offset + step[6]
@@ -100,33 +107,37 @@ class Refiner:
         """Residuals and their derivatives, in standard deviations; points are scaled by their inverse depth."""
         inverse_depths = disparities / (self._focal * self._baseline)
         rays = np.column_stack([(sightings.pixels - self._centre) / self._focal, np.ones(len(disparities))])
+        shifts, shifts_there = self._shifts(sightings.pixels), self._shifts(sightings.seen)
         points = rays @ pose[:3, :3].T + inverse_depths[:, None] * pose[:3, 3]
         depths = np.maximum(points[:, 2], MIN_DEPTH)
         x, y = points[:, 0] / depths, points[:, 1] / depths
         there = disparities / depths
         predicted = np.column_stack(
-            [self._focal * x + self._centre[0], self._focal * y + self._centre[1], there + offset]
+            [self._focal * x + self._centre[0], self._focal * y + self._centre[1], there + offset * shifts_there]
         )
         rest = np.column_stack([sightings.seen, sightings.seen_disparities]) - predicted
         known = np.isfinite(rest)
         scale = known / np.array([sightings.noise, sightings.noise, DISPARITY_NOISE])
-        by_pose = self._by_pose(x, y, there, inverse_depths / depths)
+        by_pose = self._by_pose(x, y, there, inverse_depths / depths, shifts_there)
         by_disparity = self._by_disparity(x, y, there, depths, pose[:3, 3])
-        prior = (sightings.disparities - offset - disparities) / DISPARITY_NOISE
+        prior = (sightings.disparities - offset * shifts - disparities) / DISPARITY_NOISE
         about = (sightings.offset.pixels - offset) / sightings.offset.spread, sightings.offset.spread
         return _System(
-            np.where(known, rest, 0) * scale, by_pose * scale[:, :, None], by_disparity * scale, prior, about
+            np.where(known, rest, 0) * scale, by_pose * scale[:, :, None], by_disparity * scale, prior, shifts, about
         )
 
-    def _by_pose(self, x: Floats, y: Floats, there: Floats, near: Floats) -> Floats:
+    def _shifts(self, pixels: Floats) -> Floats:
+        return turn_shifts(self._matrix, pixels)
+
+    def _by_pose(self, x: Floats, y: Floats, there: Floats, near: Floats, shifts: Floats) -> Floats:
         """Derivatives of column, row and disparity by shift, turn and offset, N x 3 x 7; `near` is 1 / depth."""
         focal, none = self._focal, np.zeros_like(x)
         rows = [
             [focal * near, none, -focal * near * x, -focal * x * y, focal * (1 + x * x), -focal * y, none],
             [none, focal * near, -focal * near * y, -focal * (1 + y * y), focal * x * y, focal * x, none],
-            [none, none, -there * near, -there * y, there * x, none, none + 1],
+            [none, none, -there * near, -there * y, there * x, none, shifts],
         ]
-        return np.moveaxis(np.array(rows), -1, 0)
+        return np.ascontiguousarray(np.moveaxis(np.array(rows), -1, 0))
 
     def _by_disparity(self, x: Floats, y: Floats, there: Floats, depths: Floats, shift: Floats) -> Floats:
         """Derivatives of the same by the landmark's disparity in the keyframe, N x 3."""
@@ -137,12 +148,16 @@ class Refiner:
 
 @dataclass(frozen=True)
 class _System:
-    """N landmarks: what remains, N x 3; its derivatives by the pose and by their disparities; and the prior's."""
+    """N landmarks: what remains, N x 3; its derivatives by the pose and by their disparities; and the prior's.
+
+    `shifts` are the derivatives of the disparities in the keyframe by the offset.
+    """
 
     rest: Floats
     by_pose: Floats
     by_disparity: Floats
     prior: Floats
+    shifts: Floats
     offset: tuple[float, float]
 
     @property
@@ -154,14 +169,14 @@ class _System:
     def solved(self) -> tuple[Floats, Floats, Floats]:
         """The step of the pose, those of the disparities, and the information (inverse covariance) of the pose."""
         weights = 1 / (1 + (self.distances / CAUCHY) ** 2)
-        by_offset = np.eye(7)[6] / DISPARITY_NOISE
+        by_offset = np.outer(self.shifts, np.eye(7)[6]) / DISPARITY_NOISE
         own = (self.by_disparity**2).sum(axis=1) + DISPARITY_NOISE**-2
         pull = (self.by_disparity * self.rest).sum(axis=1) + self.prior / DISPARITY_NOISE
-        mixed = (self.by_pose * self.by_disparity[:, :, None]).sum(axis=1) + by_offset / DISPARITY_NOISE
+        mixed = np.einsum("nij,ni->nj", self.by_pose, self.by_disparity) + by_offset / DISPARITY_NOISE
         weighted = (self.by_pose * weights[:, None, None]).reshape(-1, 7)
         information = weighted.T @ self.by_pose.reshape(-1, 7) - (mixed * (weights / own)[:, None]).T @ mixed
         gradient = weighted.T @ self.rest.ravel() - mixed.T @ (weights * pull / own)
-        information[6, 6] += weights.sum() / DISPARITY_NOISE**2 + self.offset[1] ** -2
-        gradient[6] += (weights * self.prior).sum() / DISPARITY_NOISE + self.offset[0] / self.offset[1]
+        information[6, 6] += (weights * self.shifts**2).sum() / DISPARITY_NOISE**2 + self.offset[1] ** -2
+        gradient[6] += weights * self.prior @ self.shifts / DISPARITY_NOISE + self.offset[0] / self.offset[1]
         step = np.linalg.lstsq(information, gradient, rcond=None)[0]
         return step, (pull - mixed @ step) / own, information

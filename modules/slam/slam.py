@@ -20,7 +20,7 @@ from modules.slam.keyframes import has_moved
 from modules.slam.loop_closing import LoopCloser
 from modules.slam.map import Map
 from modules.slam.places import Places
-from modules.slam.refinement import Offset
+from modules.slam.refinement import Offset, turn_shifts
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker
 from modules.slam.trust import depth_doubt, doubt, scale_spread, stereo_doubt
@@ -160,7 +160,7 @@ class StereoSlam:
         """Make a picture with enough depth a keyframe; without a fix it starts over from the last pose."""
         why = self._confirm(picture, beside, fixes)
         offset = self._tracker.offset.pixels
-        disparities = measure(picture, beside) - offset
+        disparities = measure(picture, beside) - offset * turn_shifts(self._rectifier.matrix, picture.features.pixels)
         disparities[disparities < MIN_DISPARITY] = np.nan
         points = self._rectifier.in_space(picture.features.pixels, disparities)
         known = int(np.isfinite(points[:, 2]).sum())

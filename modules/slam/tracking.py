@@ -15,7 +15,7 @@ import numpy as np
 from modules.slam.features import flow, match, sharpened
 from modules.slam.geometry import apply, floats, inverse, transform
 from modules.slam.pose_graph import Edge, Kind
-from modules.slam.refinement import PIXEL_NOISE, Offset, Refiner, Sightings
+from modules.slam.refinement import PIXEL_NOISE, Offset, Refiner, Sightings, turn_shifts
 from modules.slam.uncertainty import chained
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ WIDE, NARROW = 100.0, 12.0
 """Pixels around the place where a landmark is expected: before and after the camera's turn is known."""
 MIN_DEPTH = 0.1
 MARGIN = 20
-FOLLOWING = (13, 2)
+FOLLOWING = (11, 2)
 """Window in pixels, and levels of a pyramid, of the flow that follows landmarks."""
 FEATURE_NOISE = 1.0
 """Standard deviation in pixels of where ORB sees a corner."""
@@ -121,9 +121,8 @@ class Tracker:
     def confirm(self, fix: Fix, left: Picture, right: Picture) -> Fix:
         """Measure the landmarks' disparities in this picture too, and fit again: depth is known at both ends then."""
         depths = apply(inverse(fix.keyframe_from_camera), fix.keyframe.points[fix.rows])[:, 2]
-        guesses = fix.seen - np.column_stack(
-            [self._disparity_metres / depths + self.offset.pixels, np.zeros(len(depths))]
-        )
+        shifts = self.offset.pixels * turn_shifts(self._matrix, fix.seen)
+        guesses = fix.seen - np.column_stack([self._disparity_metres / depths + shifts, np.zeros(len(depths))])
         disparities = sharpened(left, right, fix.seen, guesses)
         return self._fit(fix, disparities) or fix
 
@@ -171,9 +170,10 @@ class Tracker:
 
     def _fit(self, fix: Fix, disparities: Floats | None = None, noise: float = PIXEL_NOISE) -> Fix | None:
         points = fix.keyframe.points[fix.rows]
+        pixels, corrected = self._pixels(points), self._disparity_metres / points[:, 2]
         sightings = Sightings(
-            self._pixels(points),
-            self._disparity_metres / points[:, 2] + fix.keyframe.offset,
+            pixels,
+            corrected + fix.keyframe.offset * turn_shifts(self._matrix, pixels),
             fix.seen,
             np.full(len(points), np.nan) if disparities is None else disparities,
             noise,
@@ -189,7 +189,7 @@ class Tracker:
             inliers=count,
             covariance=fitted.covariance,
             misfit=fitted.misfit,
-            disparity=_weighted_mean(sightings.disparities[fitted.fits] - fix.keyframe.offset),
+            disparity=_weighted_mean(corrected[fitted.fits]),
             offset=fitted.offset,
             rows=fix.rows[fitted.fits],
             seen=fix.seen[fitted.fits],

@@ -20,16 +20,16 @@ VAGUE = 0.05
 MOST_OFFSET = 2.5
 """Pixels of offset beyond which the right camera is not where the calibration says."""
 UNCORRECTED, LEAST_OFFSET = 0.5, 0.03
-"""The part of the corrected offset that may be wrong at any place (on a highway whose calibration was off by 0.85 px it
-seemed to be 0.5 px here and 1.2 px there), and the pixels below which it is never known."""
+"""The part of the corrected offset that may be wrong at any place (on a highway whose calibration was off by 0.9 px it
+seemed to be 0.7 px here and 1.1 px there, and lenses err too), and the pixels below which it is never known."""
 MOST_SCALE_SPREAD = 0.01
 """Standard deviation of the scale, metres for each metre of distance, from which a pose is doubted."""
 MATCHING = 0.5
 """The part of the landmarks whose distance, measured again in a new keyframe, must be what the movement makes of it."""
 
 MATCHED = 0.3
-"""The part of a keyframe's corners that must have a depth: 0.47 or more on KITTI and EuRoC, 0.17 where a real rig's
-pictures were identical, 0.13 where the right ones were 8 pixels too low."""
+"""The part of a keyframe's corners that must have a depth: 0.49 or more on KITTI and EuRoC, 0.10 where a real rig's
+pictures were identical, 0.09 where the right ones were 8 pixels too low."""
 
 
 def doubt(fix: Fix) -> str | None:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from modules.slam import calibration
-from modules.slam.calibration import CalibrationError, Rectifier, load_camera, load_rig
+from modules.slam.calibration import CalibrationError, Camera, Rectifier, Rig, load_camera, load_rig
 
 RIG = Path(calibration.__file__).parent / "rig"
 
@@ -121,6 +121,16 @@ def test_a_point_has_the_same_row_in_both_rectified_pictures(tmp_path, model, fi
         assert y_left == pytest.approx(y_right, abs=0.3)
         distance = rectifier.matrix[0, 0] * rectifier.baseline / (x_left - x_right)
         assert distance == pytest.approx(depth - 0.1, rel=0.03)  # the lens is 10 cm ahead of the body's origin
+
+
+def test_pictures_that_are_rectified_already_are_taken_as_they_are():
+    body_from_camera = load_rig(RIG).left.body_from_camera
+    left = Camera(np.array([[700.0, 0, 601.3], [0, 700, 183.2], [0, 0, 1]]), np.zeros(4), body_from_camera, (1226, 370))
+    beside = body_from_camera @ np.array([[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    rectifier = Rectifier(Rig(left, replace(left, body_from_camera=beside)))
+    picture = np.zeros((370, 1226), np.uint8)
+    assert rectifier.left(picture) is picture
+    assert rectifier.right(picture) is picture
 
 
 def drawn(camera, dot):

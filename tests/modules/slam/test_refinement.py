@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -37,6 +38,12 @@ def sightings(rng, *, near=6.0, far=150.0, noise=1.0, both=False):
     )
 
 
+def shifts(turn, pixels, disparities):
+    """Pixels that disparities grow by when the right camera is turned by this angle."""
+    angles = np.arctan((pixels[:, 0] - disparities - CENTRE[0]) / FOCAL)
+    return FOCAL * (np.tan(angles) - np.tan(angles + turn))
+
+
 @pytest.fixture
 def refiner():
     camera: Any = SimpleNamespace(matrix=MATRIX, baseline=BASELINE)
@@ -47,6 +54,18 @@ def test_without_noise_the_pose_is_exact(refiner):
     fitted = refiner.fit(sightings(np.random.default_rng(1), noise=0, both=True), np.eye(4))
     assert fitted.keyframe_from_camera == pytest.approx(AHEAD, abs=1e-6)
     assert fitted.fits.all()
+
+
+def test_a_right_camera_turned_sideways_shifts_disparities_more_towards_the_sides(refiner):
+    turn, whole = -0.0012, sightings(np.random.default_rng(8), noise=0, both=True)
+    turned = replace(
+        whole,
+        disparities=whole.disparities + shifts(turn, whole.pixels, whole.disparities),
+        seen_disparities=whole.seen_disparities + shifts(turn, whole.seen, whole.seen_disparities),
+    )
+    fitted = refiner.fit(turned, np.eye(4))
+    assert fitted.offset.pixels == pytest.approx(-FOCAL * turn, abs=0.04)
+    assert fitted.keyframe_from_camera[2, 3] == pytest.approx(AHEAD[2, 3], rel=0.003)
 
 
 @pytest.mark.parametrize("both", [False, True])
