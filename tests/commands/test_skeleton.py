@@ -124,13 +124,13 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path, capsys: pytest.Captur
         f"{tmp_path}/1.yaml:",
         "  module.name: invalid value 'Slam': expected at most 63 lower-case letters, digits and '-', a letter first",
         (
-            "  module.speed: invalid value 1: expected one of the fields description, environment, inputs, name, "
+            "  module.speed: unknown field: expected one of the fields description, environment, inputs, name, "
             "needs, outputs; did you mean needs?"
         ),
         f"{tmp_path}/3.yaml:",
         "  module.name: invalid value 'chatbot': expected a name that is not used yet",
         f"{tmp_path}/4.yaml:",
-        next(line for line in err.splitlines() if line.startswith("  file: ")),
+        next(line for line in err.splitlines() if line.startswith("  not valid YAML: ")),
     ]
 
 

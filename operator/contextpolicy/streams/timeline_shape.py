@@ -7,7 +7,7 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from contextpolicy.errors import Finding
+from contextpolicy.errors import Fault, Finding
 from contextpolicy.policy.stream_spec import RosRelease
 
 if TYPE_CHECKING:
@@ -122,7 +122,8 @@ def _field_findings(
     for name, value in raw.items():
         check = required.get(name) or options.get(name)
         if check is None:
-            yield Finding(f"{path}{name}", value, f"one of the fields {', '.join((*required, *options))}")
+            known = f"one of the fields {', '.join((*required, *options))}"
+            yield Finding(f"{path}{name}", value, known, Fault.FIELD)
         elif not check[0](value):
             yield Finding(f"{path}{name}", value, check[1])
 
