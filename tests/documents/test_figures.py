@@ -64,6 +64,12 @@ def test_reactions():
     assert "two to three times as long" in readme
 
 
+def test_what_it_takes():
+    text = (ROOT / "docs" / "measurements" / "operator.md").read_text(encoding="utf-8")
+    memory, busy = re.search(r"\| together \| (\d+) MiB \| [\d.]+ \| (\d+) \|", text).groups()
+    assert f"together take {memory} MiB, and {int(busy) / 1000:.2f} cores" in README
+
+
 def _first_two(row, text):
     """The first two figures of a row in the first table that has it, and in the one of the slow board."""
     found = re.findall(rf"\| {row} \| ([\d.]+) \| ([\d.]+) \|[^\n]*\d \|", text)
