@@ -169,6 +169,7 @@ def test_assert_prints_each_difference(tmp_path: Path, capsys: pytest.CaptureFix
     [
         (("simulate", "nowhere.yaml", DEMO), "nowhere.yaml: cannot read file: No such file or directory\n"),
         (("simulate", POLICY, "nowhere.json"), "nowhere.json:\n  cannot read file: No such file or directory\n"),
+        (("simulate", DEMO, DEMO), f"{DEMO}: no ContextPolicy found\n"),
         (("simulate", POLICY, POLICY), f"{POLICY}:\n  not valid JSON: Expecting value: line 1 column 1 (char 0)\n"),
         (
             ("simulate", POLICY, DEMO, "--assert", "nowhere.yaml"),
