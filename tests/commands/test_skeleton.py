@@ -136,7 +136,7 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path, capsys: pytest.Captur
 
 def test_a_file_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["skeleton", "nowhere"]) == 2
-    assert "nowhere" in capsys.readouterr().err
+    assert capsys.readouterr().err == "nowhere: cannot read file: No such file or directory\n"
 
 
 def test_a_name_that_kubernetes_refuses() -> None:

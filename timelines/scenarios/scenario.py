@@ -114,7 +114,8 @@ def load(path: Path) -> Scenario:
     try:
         documents = list(read(path.read_text(encoding="utf-8")))
     except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(str(path), (Finding("", None, f"cannot read file: {error}", Fault.FILE),)) from error
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ScenarioError(str(path), (Finding("", None, f"cannot read file: {reason}", Fault.FILE),)) from error
     except DocumentError as error:
         raise ScenarioError(f"{path}:{error.position.line}", (Finding("", None, str(error), Fault.FILE),)) from error
     if len(documents) != 1:

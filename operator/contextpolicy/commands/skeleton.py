@@ -43,7 +43,8 @@ def main(arguments: argparse.Namespace) -> int:
         except ModuleFileError as error:
             refused.append(str(error))
         except (OSError, UnicodeDecodeError) as error:
-            print(f"contextpolicy skeleton: {error}", file=sys.stderr)
+            reason = error.strerror if isinstance(error, OSError) else error
+            print(f"{path}: cannot read file: {reason}", file=sys.stderr)
             return 2
     if refused:
         print("\n".join(refused), file=sys.stderr)
