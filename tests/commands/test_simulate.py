@@ -262,7 +262,7 @@ def test_an_invalid_robot(options: tuple[str, str], message: str, capsys: pytest
     [
         (("--until", "1e9"), "a number of seconds from 0 to 10000000"),
         (("--until", "soon"), "a number of seconds from 0 to 10000000"),
-        (("--cores", "2000"), "above 0 to 1024"),
+        (("--cores", "2000"), "above 0 and at most 1024"),
         (("--rate", "0"), "a factor from 0.001 to 1000"),
         (("--cores", "0.0001"), "a CPU quantity"),
         (("--node", "arm"), "NAME=VALUE"),

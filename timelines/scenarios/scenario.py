@@ -208,7 +208,7 @@ def _above_zero(fields: Fields, name: str, default: float | None, *, most: float
     if value is None and given:
         return most  # refused already
     if value is None or not 0 < value <= most:
-        fields.refuse(name, value, f"{unit}, above 0 to {most:g}")
+        fields.refuse(name, value, f"{unit}, above 0 and at most {most:g}")
         return most
     return value
 

@@ -45,7 +45,10 @@ _KEY: Check = (
     "a Zenoh key of at most 256 characters without wildcards, such as robot/imu",
 )
 _DATASET: Check = (_matches(r"[A-Za-z0-9_-]+/[A-Za-z0-9_-]+"), "a data set, such as euroc/stereo")
-_RATE: Check = (lambda value: _is_number(value) and 0 < value <= MAX_RATE, f"Hz, above 0 to {MAX_RATE:g}")
+_RATE: Check = (
+    lambda value: _is_number(value) and 0 < value <= MAX_RATE,
+    f"a rate in Hz above 0 and at most {MAX_RATE:g}",
+)
 _VALUE_ENCODING: Check = (lambda value: value in ("json", "cdr"), "json or cdr")
 _DATASET_ENCODING: Check = (lambda value: value in ("json", "binary"), "json or binary")
 
