@@ -66,7 +66,7 @@ def test_reactions():
 
 def test_what_it_takes():
     text = (ROOT / "docs" / "measurements" / "operator.md").read_text(encoding="utf-8")
-    memory, busy = re.search(r"\| together \| (\d+) MiB \| [\d.]+ \| (\d+) \|", text).groups()
+    [(memory, busy)] = re.findall(r"\| together \| (\d+) MiB \| [\d.]+ \| (\d+) \|", text)
     assert f"together take {memory} MiB, and {int(busy) / 1000:.2f} cores" in README
 
 
