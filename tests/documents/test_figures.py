@@ -76,6 +76,13 @@ def _first_two(row, text):
     return [(float(one), float(eight)) for one, eight in found[:2]]
 
 
+def test_how_long_all_tests_may_take():
+    limit = re.search(r"(\d+) make test", (ROOT / ".ci" / "run").read_text(encoding="utf-8"))
+    assert limit is not None
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert f"CI stops it after {int(limit[1]) // 60} minutes" in contributing
+
+
 def test_the_readme_is_short():
     assert len(README.split()) <= 900
 
