@@ -36,7 +36,7 @@ metadata:
   name: robot
   namespace: robot
 spec:
-  mode: DryRun                         # says what it would do; Enforce when you agree
+  mode: DryRun                         # only plans and reports; Enforce also acts
   # enforcement: {control: Suspend}    # the first step: contexts only suspend (default: Weight)
   streams:
   - {name: keyword_spotting, key: robot/keyword-spotting/health, producedBy: keyword-spotting}
@@ -49,7 +49,7 @@ spec:
     selector: {matchLabels: {app: keyword-spotting}}
     priority: 1
     needs: {cores: 1, memory: 100Mi, deadline: 1s}
-    # activity: [{stream: ..., when: ..., hold: 2s}]    # which stream says that it matters now?
+    # activity: [{stream: ..., when: ..., hold: 2s}]    # the samples that make it matter
   - name: chatbot
     selector: {matchLabels: {app: chatbot}}
     priority: 1
