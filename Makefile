@@ -168,6 +168,7 @@ version: setup  ## set VERSION everywhere, and turn the changelog's Unreleased s
 docs: setup  ## write the generated reference pages, and build the site into build/site
 	$(PYTHON) -m docs.generator
 	NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --config-file .mkdocs.yml --strict --quiet
+	@echo 'Open build/site/index.html. To search it too: python3 -m http.server --directory build/site'
 
 crds: setup  ## write the CEL functions into the canonical CRD, and copy it into the chart and into the package
 	$(PYTHON) -m crds

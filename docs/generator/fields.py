@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 DEFINITION = Path(__file__).parents[2] / "crds" / "contextpolicies.contextpolicy.dev.yaml"
+LONGEST = 500
+"""Characters of a description that a table's cell shows whole."""
+_SENTENCE = re.compile(r"(?<=\.)\s+(?=[A-Z])")
 _INTRODUCTION = """\
 # The fields of a ContextPolicy
 
@@ -48,6 +52,7 @@ def _section(path: str, schema: dict[str, Any]) -> Iterator[str]:
             for name, field in fields.items()
         ],
     )
+    yield from _details(fields)
     yield from _rules(schema)
     for name, field in fields.items():
         yield from _inner(f"{path}.{name}", field)
@@ -62,10 +67,18 @@ def _inner(path: str, schema: dict[str, Any]) -> Iterator[str]:
         yield from _inner(f"{path}.*", schema["additionalProperties"])
 
 
+def _details(fields: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """The descriptions that are too long for a table's cell."""
+    for name, field in fields.items():
+        if _is_long(field):
+            yield from (f"**`{name}`**: {escaped(field['description'])}", "")
+
+
 def _rules(schema: dict[str, Any]) -> Iterator[str]:
     messages = [escaped(rule["message"]) for rule in schema.get("x-kubernetes-validations", []) if "message" in rule]
     if messages:
-        yield from ("The API server refuses it with:", "", *(f"- {message}" for message in messages), "")
+        yield from ("Messages with which the API server refuses it:", "")
+        yield from (*(f"- {message}" for message in dict.fromkeys(messages)), "")
 
 
 def _type(schema: dict[str, Any]) -> str:
@@ -86,7 +99,13 @@ def _default(schema: dict[str, Any]) -> str:
 
 def _meaning(schema: dict[str, Any]) -> str:
     bounds = "; ".join(_bounds(schema))
-    return escaped(schema.get("description", "")) + (f" ({bounds})" if bounds else "")
+    text = schema.get("description", "").strip()
+    shown = f"{_SENTENCE.split(text)[0]} More below." if _is_long(schema) else text
+    return escaped(shown) + (f" ({bounds})" if bounds else "")
+
+
+def _is_long(schema: dict[str, Any]) -> bool:
+    return len(schema.get("description", "")) > LONGEST
 
 
 def _bounds(schema: dict[str, Any]) -> Iterator[str]:

@@ -32,7 +32,9 @@ def _rate() -> float | None:
     except ValueError:
         rate = 0.0
     if rate is not None and not 0 < rate <= 1000:
-        raise ConfigurationError(f"CAMERA_RATE: invalid value {text!r}: expected frames per second, above 0 to 1000")
+        raise ConfigurationError(
+            f"CAMERA_RATE: invalid value {text!r}: expected frames per second, above 0 and at most 1000"
+        )
     return rate
 
 

@@ -24,6 +24,7 @@ ContextPolicyError
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum, auto
 
 
 class ContextPolicyError(Exception):
@@ -34,26 +35,43 @@ MAX_VALUE = 200
 """Characters of a refused value that a message quotes at most."""
 
 
+class Fault(Enum):
+    """What is wrong, and so how a finding reads."""
+
+    VALUE = auto()
+    """The field's value, or that it is missing; `allowed` follows the word expected."""
+    RULE = auto()
+    """The same; `allowed` is a whole sentence, such as the message of a rule."""
+    FIELD = auto()
+    """The field is unknown; `allowed` lists the known ones."""
+    FILE = auto()
+    """The whole file; `allowed` is all that the finding says."""
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong: which field, what it holds (None: nothing), what is allowed.
-
-    With `is_sentence`, `allowed` is a whole sentence about the value, such as the message of a rule.
-    """
+    """One thing that is wrong: which field, what it holds (None: nothing), what is allowed."""
 
     field: str
     value: object
     allowed: str
-    is_sentence: bool = False
+    fault: Fault = Fault.VALUE
 
     def __str__(self) -> str:
-        return f"{self.field}: {self.problem()}"
+        return ": ".join(filter(None, (self.field, self.problem())))
 
     def problem(self, limit: int = MAX_VALUE) -> str:
         """What is wrong, without the field; the value is cut to `limit` characters."""
-        expected = self.allowed if self.is_sentence else f"expected {self.allowed}"
         what = "missing" if self.value is None else f"invalid value {_short(self.value, limit)}"
-        return f"{what}: {expected}"
+        match self.fault:
+            case Fault.VALUE:
+                return f"{what}: expected {self.allowed}"
+            case Fault.RULE:
+                return f"{what}: {self.allowed}"
+            case Fault.FIELD:
+                return f"unknown field: expected {self.allowed}"
+            case Fault.FILE:
+                return self.allowed
 
 
 class FindingsError(ContextPolicyError):

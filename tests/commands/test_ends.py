@@ -141,6 +141,12 @@ def test_an_abbreviated_option_is_refused(words):
     assert end.value.code == 2
 
 
+def test_dashes_alone_do_not_make_options_alike(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["simulate", POLICY, POLICY, "--deadline", "slam=1s"])
+    assert "did you mean" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

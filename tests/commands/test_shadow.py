@@ -70,7 +70,7 @@ def test_it_fits_the_terminal(capsys, monkeypatch, columns):
 
 def test_as_fields(capsys):
     reported = json.loads(shown(capsys, "--output", "json"))
-    assert (reported["differs"], reported["promoted"], reported["takenBack"]) == (1.0, False, None)
+    assert (reported["differs"], reported["promoted"], reported["reverted"]) == (1.0, False, None)
     assert reported["tasks"]["slam"]["share"] == [0.8, 0.5]
     assert reported["tasks"]["slam"]["predictedMisses"] == [None, None]
 

@@ -168,8 +168,13 @@ def test_assert_prints_each_difference(tmp_path: Path, capsys: pytest.CaptureFix
     ("arguments", "message"),
     [
         (("simulate", "nowhere.yaml", DEMO), "nowhere.yaml: cannot read file: No such file or directory\n"),
-        (("simulate", POLICY, "nowhere.json"), "a readable file"),
-        (("simulate", POLICY, DEMO, "--assert", "nowhere.yaml"), "a readable file"),
+        (("simulate", POLICY, "nowhere.json"), "nowhere.json:\n  cannot read file: No such file or directory\n"),
+        (("simulate", DEMO, DEMO), f"{DEMO}: no ContextPolicy found\n"),
+        (("simulate", POLICY, POLICY), f"{POLICY}:\n  not valid JSON: Expecting value: line 1 column 1 (char 0)\n"),
+        (
+            ("simulate", POLICY, DEMO, "--assert", "nowhere.yaml"),
+            "nowhere.yaml:\n  cannot read file: No such file or directory\n",
+        ),
         (("simulate", POLICY, DEMO, "--assert", POLICY), "a list of expectations"),
         (("simulate", str(ROOT / "tests/e2e/bad_policies/mode-misspelt.yaml"), DEMO), "one of Enforce, DryRun, Paused"),
     ],
@@ -257,7 +262,7 @@ def test_an_invalid_robot(options: tuple[str, str], message: str, capsys: pytest
     [
         (("--until", "1e9"), "a number of seconds from 0 to 10000000"),
         (("--until", "soon"), "a number of seconds from 0 to 10000000"),
-        (("--cores", "2000"), "above 0 to 1024"),
+        (("--cores", "2000"), "above 0 and at most 1024"),
         (("--rate", "0"), "a factor from 0.001 to 1000"),
         (("--cores", "0.0001"), "a CPU quantity"),
         (("--node", "arm"), "NAME=VALUE"),
@@ -310,7 +315,7 @@ def test_a_timeline_that_nests_deeply_is_refused(
     path = tmp_path / "deep.json"
     path.write_text(nested)
     assert main(["simulate", POLICY, str(path)]) == 2
-    assert "JSON that nests less deeply" in capsys.readouterr().err
+    assert "not valid JSON: nested too deeply" in capsys.readouterr().err
 
 
 def test_the_help_names_every_field_of_the_output(capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,7 +36,7 @@ metadata:
   name: robot
   namespace: robot
 spec:
-  mode: DryRun                         # says what it would do; Enforce when you agree
+  mode: DryRun                         # only plans and reports; Enforce also acts
   # enforcement: {control: Suspend}    # the first step: contexts only suspend (default: Weight)
   streams:
   - {name: keyword_spotting, key: robot/keyword-spotting/health, producedBy: keyword-spotting}
@@ -49,7 +49,7 @@ spec:
     selector: {matchLabels: {app: keyword-spotting}}
     priority: 1
     needs: {cores: 1, memory: 100Mi, deadline: 1s}
-    # activity: [{stream: ..., when: ..., hold: 2s}]    # which stream says that it matters now?
+    # activity: [{stream: ..., when: ..., hold: 2s}]    # the samples that make it matter
   - name: chatbot
     selector: {matchLabels: {app: chatbot}}
     priority: 1
@@ -124,19 +124,19 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path, capsys: pytest.Captur
         f"{tmp_path}/1.yaml:",
         "  module.name: invalid value 'Slam': expected at most 63 lower-case letters, digits and '-', a letter first",
         (
-            "  module.speed: invalid value 1: expected one of the fields description, environment, inputs, name, "
+            "  module.speed: unknown field: expected one of the fields description, environment, inputs, name, "
             "needs, outputs; did you mean needs?"
         ),
         f"{tmp_path}/3.yaml:",
         "  module.name: invalid value 'chatbot': expected a name that is not used yet",
         f"{tmp_path}/4.yaml:",
-        next(line for line in err.splitlines() if line.startswith("  file: ")),
+        next(line for line in err.splitlines() if line.startswith("  not valid YAML: ")),
     ]
 
 
 def test_a_file_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["skeleton", "nowhere"]) == 2
-    assert "nowhere" in capsys.readouterr().err
+    assert capsys.readouterr().err == "nowhere: cannot read file: No such file or directory\n"
 
 
 def test_a_name_that_kubernetes_refuses() -> None:

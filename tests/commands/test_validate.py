@@ -43,6 +43,16 @@ def test_a_misspelt_kind_is_an_error(
     assert message in capsys.readouterr().out
 
 
+def test_an_unknown_field_is_reported_as_such(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its value is not what is wrong."""
+    path = tmp_path / "policy.yaml"
+    path.write_text((POLICIES / "delivery-robot.yaml").read_text().replace("  reserve:", "  reserv:"))
+    assert main(["validate", str(path)]) == 1
+    (error,) = capsys.readouterr().out.splitlines()
+    assert "error: spec.reserv: unknown field: expected one of the fields " in error
+    assert error.endswith("; did you mean reserve?")
+
+
 def test_directory_is_searched_and_other_files_are_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub/pod.yaml").write_text("kind: Pod\n")
@@ -50,8 +60,8 @@ def test_directory_is_searched_and_other_files_are_skipped(tmp_path: Path, capsy
     (tmp_path / "policy.yaml").write_text((POLICIES / "delivery-robot.yaml").read_text())
     assert main(["validate", str(tmp_path)]) == 0
     assert capsys.readouterr().err.splitlines() == [
-        f"skipped: {tmp_path}/sub/pod.yaml:1: no ContextPolicy: kind Pod",
-        f"skipped: {tmp_path}/values.yml:1: no ContextPolicy: not a Kubernetes object",
+        f"skipped: {tmp_path}/sub/pod.yaml:1: not a ContextPolicy: kind Pod",
+        f"skipped: {tmp_path}/values.yml:1: not a ContextPolicy: not a Kubernetes object",
         "1 policy, 0 errors, 0 warnings",
     ]
 
@@ -106,7 +116,7 @@ def test_endless_file_is_refused(
     with Path("/dev/zero").open(encoding="utf-8") as endless:
         monkeypatch.setattr("sys.stdin", endless)
         assert main(["validate", name]) == 1
-    assert "is too long: expected at most 1048576 characters" in capsys.readouterr().out
+    assert "error: too long: expected at most 1048576 characters" in capsys.readouterr().out
 
 
 def test_a_binary_file(tmp_path: Path) -> None:

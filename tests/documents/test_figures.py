@@ -53,15 +53,34 @@ def test_the_best_static_division_by_its_worst_context_has_a_row(journal):
 
 
 def test_reactions():
-    """The first column of the reaction benchmark, and of the one on an emulated board."""
+    """The first columns of the reaction benchmark, and of the one on an emulated board."""
     text = (ROOT / "docs" / "measurements" / "reaction.md").read_text(encoding="utf-8")
-    agent, slow_agent = (
-        float(one) for one in re.findall(r"\| operator, node agent \| ([\d.]+) \|[^\n]*\d \|", text)[:2]
-    )
-    resize, slow_resize = (float(one) for one in re.findall(r"\| operator, resize \| ([\d.]+) \|", text)[:2])
-    assert f"quota changes {agent:g} ms after the sample with the node agent and {resize:g} ms without it" in README
+    (agent, agent_eight), (slow_agent, _) = _first_two(r"operator, node agent", text)
+    (resize, resize_eight), (slow_resize, _) = _first_two(r"operator, resize", text)
+    readme = " ".join(README.split())
+    assert f"one container follows its sensor in {resize:g} ms, eight in {resize_eight:g} ms (medians)" in readme
+    assert f"with the node agent, in {agent:g} and {agent_eight:g} ms" in readme
     assert all(2 <= slow <= 3 for slow in (slow_agent / agent, slow_resize / resize))
-    assert "two to three times as long" in README
+    assert "two to three times as long" in readme
+
+
+def test_what_it_takes():
+    text = (ROOT / "docs" / "measurements" / "operator.md").read_text(encoding="utf-8")
+    [(memory, busy)] = re.findall(r"\| together \| (\d+) MiB \| [\d.]+ \| (\d+) \|", text)
+    assert f"together take {memory} MiB, and {int(busy) / 1000:.2f} cores" in README
+
+
+def _first_two(row, text):
+    """The first two figures of a row in the first table that has it, and in the one of the slow board."""
+    found = re.findall(rf"\| {row} \| ([\d.]+) \| ([\d.]+) \|[^\n]*\d \|", text)
+    return [(float(one), float(eight)) for one, eight in found[:2]]
+
+
+def test_how_long_all_tests_may_take():
+    limit = re.search(r"(\d+) make test", (ROOT / ".ci" / "run").read_text(encoding="utf-8"))
+    assert limit is not None
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert f"CI stops it after {int(limit[1]) // 60} minutes" in contributing
 
 
 def test_the_readme_is_short():

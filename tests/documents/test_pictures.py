@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from contextpolicy.explain.palette import CONTEXT_COLORS, MODULE_COLORS
+from contextpolicy.simulation.drawing import INK
+from timelines.experiments.pictures import OTHERS
+
 ROOT = Path(__file__).parents[2]
 SHOWN = re.compile(r"!\[(?P<text>[^]]*)\]\([^)\s]+\.(?:svg|png)\)|<img\b[^>]*\balt=\"(?P<alt>[^\"]*)\"")
 
@@ -22,6 +26,13 @@ def test_drawings_are_transparent_without_dashed_lines(picture):
     drawn = (ROOT / picture).read_text(encoding="utf-8")
     assert "fill: #ffffff" not in drawn
     assert "dasharray" not in drawn
+
+
+@pytest.mark.parametrize("picture", listed("timelines/*.svg"))
+def test_modules_and_contexts_have_their_colours(picture):
+    """The palette's other colours are for tasks that are not in `modules/`."""
+    used = set(re.findall(r"#[0-9a-f]{6}", (ROOT / picture).read_text(encoding="utf-8")))
+    assert used - {*MODULE_COLORS.values(), *CONTEXT_COLORS, INK, OTHERS} == set()
 
 
 def test_every_picture_has_an_alternative_text_that_says_what_it_shows():

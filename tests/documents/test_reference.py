@@ -24,6 +24,23 @@ def test_every_field_has_a_row():
     assert [name for name in fields if name != "*" and f"| `{name}`" not in page] == []
 
 
+def test_tables_of_fields_can_be_scanned():
+    """A long description stands below its table, where its first sentence is."""
+    page = PAGES["policy.md"]()
+    assert max(len(line) for line in page.splitlines() if line.startswith("| ")) < 750
+    assert (
+        "| `streams` (required) | list of objects |  | The sensor and module data that the policy reads. More below."
+        in page
+    )
+    assert "\n**`streams`**: The sensor and module data that the policy reads. Each stream is a variable" in page
+
+
+def test_each_rule_of_an_object_is_listed_once():
+    for section in PAGES["policy.md"]().split("\n## ")[1:]:
+        rules = [line for line in section.splitlines() if line.startswith("- ")]
+        assert len(rules) == len(set(rules))
+
+
 def test_every_command_shows_its_help():
     page = PAGES["commands.md"]()
     modules = {*ON_THE_CLUSTER, *ON_THE_DESK, *IN_THE_CLUSTER} - {"mode"}

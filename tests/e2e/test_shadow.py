@@ -1,4 +1,4 @@
-"""A changed policy beside the old one: shown, promoted, taken back by itself, and adopted."""
+"""A changed policy beside the old one: shown, promoted, reverted automatically, and adopted."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_promotion_is_reverted_when_misses_rise(beside):
     beside.expect(**BEFORE)
     until("its status says so", lambda: beside.condition("Applied", SHADOW)[0] == "False" or beside.status(SHADOW))
     assert "slam has missed" in beside.condition("Applied", SHADOW)[1]
-    assert [len(beside.reported("TakenBack", name)) for name in ("robot", SHADOW)] == [1, 1]
+    assert [len(beside.reported("Reverted", name)) for name in ("robot", SHADOW)] == [1, 1]
     assert beside.condition("Ready")[0] == "True"
 
 

@@ -1,4 +1,4 @@
-"""A shadow beside its policy, promoted and taken back, in virtual time."""
+"""A shadow beside its policy, promoted and reverted, in virtual time."""
 
 from __future__ import annotations
 
@@ -88,13 +88,13 @@ def test_a_rise_in_misses_reverts_the_promotion(promoted):
     misses(promoted, 10, 0.9)
     assert promoted.limits() == {"slam": 800, "speech": 200}
     status, reason, message = promoted.condition("Applied", "lab/robot-next")
-    assert (status, reason) == ("False", "TakenBack")
+    assert (status, reason) == ("False", "Reverted")
     assert "slam has missed" in message
     assert promoted.condition("Ready", "lab/robot-next")[0] == "False"
     assert promoted.condition("Ready")[0] == "True"
     assert promoted.cluster.statuses["lab/robot"]["promotedShadow"] is None
-    assert [reason for reason, _ in promoted.reported()].count("TakenBack") == 2
-    assert shadow_of(promoted)["takenBack"]["generation"] == 2
+    assert [reason for reason, _ in promoted.reported()].count("Reverted") == 2
+    assert shadow_of(promoted)["reverted"]["generation"] == 2
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_a_new_operator_moves_nothing_of_a_promoted_shadow(promoted):
 def test_a_restarted_operator_remembers_a_reverted_shadow(promoted):
     misses(promoted, 10, 0.9)
     assert restarted(promoted, a_shadow("Enforce", generation=2), a_policy()) == []
-    assert promoted.condition("Applied", "lab/robot-next")[1] == "TakenBack"
+    assert promoted.condition("Applied", "lab/robot-next")[1] == "Reverted"
 
 
 def test_a_new_operator_does_not_wait_for_ever_for_a_shadow_that_is_gone(promoted):

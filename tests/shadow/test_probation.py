@@ -1,4 +1,4 @@
-"""When a promotion is taken back: reports of misses in, a verdict out, second by second."""
+"""When a promotion is reverted: reports of misses in, a verdict out, second by second."""
 
 from __future__ import annotations
 

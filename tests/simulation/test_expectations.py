@@ -94,6 +94,11 @@ def test_an_invalid_file_is_refused_with_the_field(text: str, field: str) -> Non
     assert [finding.field for finding in caught.value.findings] == [field]
 
 
+def test_yaml_that_cannot_be_read_is_reported_with_its_line() -> None:
+    with pytest.raises(ExpectationError, match=r"^mine\.yaml:\n  line 2: not valid YAML: "):
+        parse("- {at: 1}\n[", POLICY, subject="mine.yaml")
+
+
 def test_a_misspelt_name_is_answered_with_the_one_that_is_meant() -> None:
     with pytest.raises(ExpectationError, match="did you mean suspended") as caught:
         parse("- {at: 1, suspendet: [], shares: {slamm: 1}}", POLICY, subject="test")

@@ -99,5 +99,8 @@ def test_an_invalid_profile_is_refused(body):
 
 
 def test_a_file_that_cannot_be_read_is_reported(tmp_path):
-    with pytest.raises(ProfileError, match="readable JSON"):
+    with pytest.raises(ProfileError, match=r"none\.json:\n  cannot read file: No such file or directory$"):
         load_profiles(str(tmp_path / "none.json"))
+    (tmp_path / "broken.json").write_text("{", encoding="utf-8")
+    with pytest.raises(ProfileError, match=r"broken\.json:\n  not valid JSON: "):
+        load_profiles(str(tmp_path / "broken.json"))

@@ -16,9 +16,9 @@ def a_status(*, ready="True", message="", **fields):
         a_status(ready="False"),
         a_status(observedGeneration=2),
         a_status(promotedShadow="trial"),
-        a_status(shadow={"takenBack": {"generation": 1}}),
+        a_status(shadow={"reverted": {"generation": 1}}),
     ],
-    ids=["condition", "generation", "promotion", "taken back"],
+    ids=["condition", "generation", "promotion", "reverted"],
 )
 def test_urgent_conditions_may_use_the_last_status_write(after):
     assert reserve(a_status(), after) == 0

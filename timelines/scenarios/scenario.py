@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from contextpolicy.errors import Finding, FindingsError
+from contextpolicy.errors import Fault, Finding, FindingsError
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.validation.documents import DocumentError, read
 from modules.speech.synthesis import VOICES
@@ -114,9 +114,10 @@ def load(path: Path) -> Scenario:
     try:
         documents = list(read(path.read_text(encoding="utf-8")))
     except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(str(path), (Finding("file", str(path), f"a readable file ({error})"),)) from error
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ScenarioError(str(path), (Finding("", None, f"cannot read file: {reason}", Fault.FILE),)) from error
     except DocumentError as error:
-        raise ScenarioError(f"{path}:{error.position.line}", (Finding("file", str(path), str(error)),)) from error
+        raise ScenarioError(f"{path}:{error.position.line}", (Finding("", None, str(error), Fault.FILE),)) from error
     if len(documents) != 1:
         raise ScenarioError(str(path), (Finding("file", f"{len(documents)} documents", "one YAML document"),))
     repeated = tuple(Finding(name, "given twice", "each key once") for name in documents[0].duplicates)
@@ -207,7 +208,7 @@ def _above_zero(fields: Fields, name: str, default: float | None, *, most: float
     if value is None and given:
         return most  # refused already
     if value is None or not 0 < value <= most:
-        fields.refuse(name, value, f"{unit}, above 0 to {most:g}")
+        fields.refuse(name, value, f"{unit}, above 0 and at most {most:g}")
         return most
     return value
 

@@ -122,7 +122,7 @@ def _connect(configure: Callable[[], zenoh.Config], stop: threading.Event) -> ze
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
-            _LOG.warning("no Zenoh router answers yet: %s", error)
+            _LOG.warning("no Zenoh router answers yet: %s", _reason(error))
             stop.wait(PAUSE_S)
             attempt = min(2 * attempt, LONGEST_MS)
     return None
@@ -132,4 +132,9 @@ def _insert(config: zenoh.Config, key: str, value: object) -> None:
     try:
         config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
-        raise ConfigurationError(f"{key}: invalid value {value!r}: {error}") from error
+        raise ConfigurationError(f"{key}: invalid value {value!r}: {_reason(error)}") from error
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """What Zenoh says, without the line of its own source."""
+    return str(error).partition(" at /")[0]

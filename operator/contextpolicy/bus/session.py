@@ -71,10 +71,15 @@ def open_client(endpoints: Sequence[str], stop: Event, credentials: Path | None 
         try:
             return open_visitor(endpoints, patience=patience, credentials=credentials)
         except zenoh.ZError as error:
-            log.warning("no Zenoh router at %s yet: %s", ", ".join(endpoints), error)
+            log.warning("no Zenoh router at %s yet: %s", ", ".join(endpoints), reason(error))
             stop.wait(PAUSE)
             patience = min(2 * patience, LONGEST)
     return None
+
+
+def reason(error: zenoh.ZError) -> str:
+    """What Zenoh says, without its repetition of the endpoints and the line of its own source."""
+    return str(error).partition(" at /")[0].rpartition("]. ")[2]
 
 
 def open_visitor(endpoints: Sequence[str], *, patience: float, credentials: Path | None = None) -> zenoh.Session:

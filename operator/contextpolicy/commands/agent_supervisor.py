@@ -107,12 +107,12 @@ def _announce(settings: AgentSettings) -> None:
     import zenoh
 
     from contextpolicy.bus.decision_bus import agent_key
-    from contextpolicy.bus.session import open_visitor
+    from contextpolicy.bus.session import open_visitor, reason
 
     try:
         session = open_visitor(settings.connect, patience=SHOWN, credentials=settings.credentials)
     except zenoh.ZError as error:
-        log.warning("could not report to the operator what was undone: %s", error)
+        log.warning("could not report to the operator what was undone: %s", reason(error))
         return
     token = session.liveliness().declare_token(agent_key(settings.node))
     time.sleep(SHOWN)

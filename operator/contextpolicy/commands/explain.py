@@ -147,7 +147,7 @@ def visit(connect: str, credentials: Path | None = None) -> Iterator[zenoh.Sessi
     """A session on the robot's bus; NoAnswerError if no router answers in time, or it stops answering."""
     import zenoh
 
-    from contextpolicy.bus.session import open_visitor
+    from contextpolicy.bus.session import open_visitor, reason
 
     try:
         with ExitStack() as stack:
@@ -156,9 +156,7 @@ def visit(connect: str, credentials: Path | None = None) -> Iterator[zenoh.Sessi
                 session = stack.enter_context(visitor)
             yield session
     except zenoh.ZError as error:
-        # What follows is the place in Zenoh's own source; what precedes the cause is the endpoints as it writes them.
-        reason = str(error).partition(" at /")[0]
-        raise NoAnswerError(f"no Zenoh router answers at {connect}: {reason.rpartition(']. ')[2]}") from error
+        raise NoAnswerError(f"no Zenoh router answers at {connect}: {reason(error)}") from error
 
 
 def _answer(session: zenoh.Session, key: str) -> dict[str, Any] | None:

@@ -135,7 +135,9 @@ def _cpu(text: str) -> int:
     except ValueError:
         value = 0
     if not 0 < value <= MAX_CORES * 1000:
-        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected {CPU_ALLOWED}, above 0 to {MAX_CORES}")
+        raise argparse.ArgumentTypeError(
+            f"invalid value {text!r}: expected {CPU_ALLOWED}, above 0 and at most {MAX_CORES}"
+        )
     return value
 
 

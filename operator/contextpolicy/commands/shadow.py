@@ -118,7 +118,7 @@ def document(
         "shadow": f"{shadow['metadata']['namespace']}/{shadow['metadata']['name']}",
         "of": f"{own['metadata']['namespace']}/{own['metadata']['name']}",
         "promoted": promoted,
-        "takenBack": (status.get("takenBack") or {}).get("message"),
+        "reverted": (status.get("reverted") or {}).get("message"),
         "seconds": round(found.end - found.start, 3),
         "differs": round(found.part, 4),
         "tasks": {
@@ -147,8 +147,8 @@ def lines(comparison: Mapping[str, Any]) -> Iterator[str]:
     how = "promoted in place of" if comparison["promoted"] else "beside"
     differs = f"{comparison['seconds']:.0f} s: other shares {comparison['differs']:.0%} of the time"
     yield from wrapped(f"{comparison['shadow']} {how} {comparison['of']}, {differs}", columns(), others="  ")
-    if comparison["takenBack"]:
-        yield from wrapped(f"its last promotion was reverted: {comparison['takenBack']}", columns(), "  ", "    ")
+    if comparison["reverted"]:
+        yield from wrapped(f"its last promotion was reverted: {comparison['reverted']}", columns(), "  ", "    ")
     task_head = ("TASK", "MEAN SHARE", "SUSPENDED", "MISSES, MEASURED", "MISSES, PREDICTED")
     rows = [_row(name, task) for name, task in comparison["tasks"].items()]
     yield from text_table(task_head, rows, columns(), indent="  ")

@@ -220,13 +220,14 @@ def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None
 
 
 def _expected(path: str, policy: Policy) -> Any:
-    from contextpolicy.errors import Finding
+    from contextpolicy.errors import Fault, Finding
     from contextpolicy.simulation.expectations import ExpectationError, parse
 
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ExpectationError(path, (Finding("file", path, f"a readable file ({error})"),)) from error
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ExpectationError(path, (Finding("", None, f"cannot read file: {reason}", Fault.FILE),)) from error
     return parse(text, policy, subject=path)
 
 

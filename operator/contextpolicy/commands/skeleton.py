@@ -43,7 +43,8 @@ def main(arguments: argparse.Namespace) -> int:
         except ModuleFileError as error:
             refused.append(str(error))
         except (OSError, UnicodeDecodeError) as error:
-            print(f"contextpolicy skeleton: {error}", file=sys.stderr)
+            reason = error.strerror if isinstance(error, OSError) else error
+            print(f"{path}: cannot read file: {reason}", file=sys.stderr)
             return 2
     if refused:
         print("\n".join(refused), file=sys.stderr)
@@ -53,14 +54,14 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _load(path: Path, *, taken: list[str]) -> ModuleFile:
-    from contextpolicy.errors import Finding
+    from contextpolicy.errors import Fault, Finding
     from contextpolicy.policy.module_file import ModuleFileError, parse_module
     from contextpolicy.policy.validation.documents import DocumentError, read
 
     try:
         documents = list(read(path.read_text(encoding="utf-8")))
     except DocumentError as error:
-        raise ModuleFileError(str(path), (Finding("file", str(error), "YAML"),)) from error
+        raise ModuleFileError(str(path), (Finding("", None, str(error), Fault.FILE),)) from error
     if len(documents) != 1:
         raise ModuleFileError(str(path), (Finding("file", f"{len(documents)} documents", "one YAML document"),))
     module = parse_module(documents[0].body, subject=str(path))

@@ -121,7 +121,7 @@ class _Handler(HttpHandler):
         except TimeoutError:
             self._send(HTTPStatus.GATEWAY_TIMEOUT, "text/plain", b"the operator does not answer\n")
         except Exception:
-            log.exception("a question of the live page failed: %s", self.path)
+            log.exception("a query of the live page failed: %s", self.path)
             self._send(HTTPStatus.INTERNAL_SERVER_ERROR, "text/plain", b"the operator failed: its log says why\n")
         else:
             status = HTTPStatus.NOT_FOUND if answer is None else HTTPStatus.OK

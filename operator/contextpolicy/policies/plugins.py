@@ -10,7 +10,7 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from contextpolicy.errors import Finding, PolicyError
+from contextpolicy.errors import Fault, Finding, PolicyError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,7 +31,7 @@ def load(policy: Policy) -> dict[str, Instantiate]:
     for name, task in wanted.items():
         problem = _load(name, installed, loaded)
         if problem:
-            findings.append(Finding(f"spec.tasks[{task}].activity.initiative", name, problem, is_sentence=True))
+            findings.append(Finding(f"spec.tasks[{task}].activity.initiative", name, problem, Fault.RULE))
     if findings:
         raise PolicyError(f"ContextPolicy {policy.reference}", tuple(findings))
     return loaded

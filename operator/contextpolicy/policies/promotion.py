@@ -55,7 +55,7 @@ class Promotion:
     def recall(self, entry: PolicyEntry) -> None:
         """The policy is new to this operator: go on where an earlier one has left it."""
         status = entry.body.get("status") or {}
-        entry.taken_back = (status.get("shadow") or {}).get("takenBack")
+        entry.reverted = (status.get("shadow") or {}).get("reverted")
         if status.get("promotedShadow"):
             reference = reference_of(entry.body)
             self._awaited[reference] = f"{entry.namespace}/{status['promotedShadow']}"
@@ -121,7 +121,7 @@ class Promotion:
             self._shadows.trials[reference] = ShadowTrial(original.good.policy, probation, watch, promoted=promoted)
             if promoted and not (known and known.promoted):
                 probation.restart()
-                entry.taken_back = None
+                entry.reverted = None
                 self._publisher.note(reference, "Promoted", f"{original.good.policy.name} now runs with this spec")
         for trial in before.values():
             trial.watch.close()
@@ -130,9 +130,9 @@ class Promotion:
         before, since = trial.probation.before(task) or 0.0, trial.probation.since(task) or 0.0
         message = f"{task} has missed {since:.1%} of its inputs since the promotion, at most {before:.1%} before"
         when = timestamp(self._publisher.clock.now())
-        entry.taken_back = {"generation": entry.generation, "time": when, "message": message}
+        entry.reverted = {"generation": entry.generation, "time": when, "message": message}
         for concerned in (reference, trial.original.reference):
-            self._publisher.emit(concerned, "TakenBack", f"{reference}: {message}")
+            self._publisher.emit(concerned, "Reverted", f"{reference}: {message}")
         self._listener.on_promotion()
 
 

@@ -19,7 +19,7 @@ class PolicyEntry:
     """One ContextPolicy object, with a runner once one of its versions was valid.
 
     `good` is its last valid version, of this `generation`; `stand_in` the promoted shadow that decides in its place;
-    `taken_back`, of a shadow, the promotion that the operator has undone, as the status has it.
+    `reverted`, of a shadow, the promotion that the operator has undone, as the status has it.
     """
 
     body: Mapping[str, Any]
@@ -27,7 +27,7 @@ class PolicyEntry:
     good: Loaded | None = None
     generation: int = 0
     stand_in: PolicyEntry | None = None
-    taken_back: Mapping[str, Any] | None = None
+    reverted: Mapping[str, Any] | None = None
     runner: PolicyRunner | None = None
     conditions: list[dict[str, Any]] = field(default_factory=list)
     events: EventBudget = field(default_factory=EventBudget)

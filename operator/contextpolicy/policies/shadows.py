@@ -57,7 +57,7 @@ class Shadows:
             promoted=rival is entry,
             decided=original.runner.planner.last if original.runner and rival is not entry else None,
             misses={task: (trial.probation.before(task), trial.probation.since(task)) for task in tasks if trial},
-            taken_back=entry.taken_back,
+            reverted=entry.reverted,
             is_back=is_back(entry),
             rival=reference_of(rival.body) if rival is not None and rival is not entry and wants(entry) else "",
         )
@@ -76,4 +76,4 @@ def wants(entry: PolicyEntry) -> bool:
 
 def is_back(entry: PolicyEntry) -> bool:
     """Whether the operator has reverted the promotion of this version."""
-    return entry.taken_back is not None and entry.taken_back.get("generation") == entry.generation
+    return entry.reverted is not None and entry.reverted.get("generation") == entry.generation

@@ -6,7 +6,7 @@ import re
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from contextpolicy.errors import Finding
+from contextpolicy.errors import Fault, Finding
 from contextpolicy.policy import quantities
 from contextpolicy.policy.key_expressions import excess, refusal
 from contextpolicy.policy.suggestions import did_you_mean
@@ -212,9 +212,8 @@ class Fields:
     def close(self) -> None:
         """Refuse the fields that were not read: a misspelt name must not be ignored."""
         for name in [name for name in self._raw if name not in self._known]:
-            self.refuse(
-                str(name), self._raw[name], f"one of the fields {', '.join(sorted(self._known))}{self._meant(name)}"
-            )
+            known = f"one of the fields {', '.join(sorted(self._known))}{self._meant(name)}"
+            self._findings.append(Finding(self.at(str(name)), self._raw[name], known, Fault.FIELD))
 
     def has_read(self, field: str) -> bool:
         """Whether the field is known, present or not."""

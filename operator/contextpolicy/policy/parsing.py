@@ -134,8 +134,8 @@ def _effect(fields: Fields) -> policy.Effect:
         fields.refuse(
             "",
             {name: fields.raw(name) for name in ("weight", "scale", "suspend") if name in fields},
-            "exactly one of weight, scale or suspend: true, or suspend: false with or without weight or scale, "
-            "or min and max alone",
+            "exactly one of weight, scale and suspend; only suspend: false may accompany another, and min and max may "
+            "stand alone",
         )
     if suspend is False and result.suspends:
         fields.refuse("suspend", suspend, "suspend: false only with a weight or scale above 0: 0 suspends the task")

@@ -34,7 +34,7 @@ def skeleton(modules: Sequence[ModuleFile], *, name: str, namespace: str) -> str
         f"  name: {name}",
         f"  namespace: {namespace}",
         "spec:",
-        "  mode: DryRun                         # says what it would do; Enforce when you agree",
+        "  mode: DryRun                         # only plans and reports; Enforce also acts",
         "  # enforcement: {control: Suspend}    # the first step: contexts only suspend (default: Weight)",
         "  streams:",
         *_streams(modules, names),
@@ -102,7 +102,7 @@ def _task(module: ModuleFile, names: dict[str, str]) -> Iterator[str]:
         yield "    activity:"
         yield from (f"    - {{stream: {name}, hold: 2s}}" for name in dict.fromkeys(readable))
     else:
-        yield "    # activity: [{stream: ..., when: ..., hold: 2s}]    # which stream says that it matters now?"
+        yield "    # activity: [{stream: ..., when: ..., hold: 2s}]    # the samples that make it matter"
 
 
 def _starves(module: ModuleFile, names: dict[str, str]) -> Iterator[str]:

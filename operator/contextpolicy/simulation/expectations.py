@@ -18,7 +18,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.errors import Finding, FindingsError
+from contextpolicy.errors import Fault, Finding, FindingsError
 from contextpolicy.policy.quantities import CPU_ALLOWED, parse_cpu
 from contextpolicy.policy.suggestions import did_you_mean
 from contextpolicy.policy.validation.documents import DocumentError, read
@@ -69,7 +69,7 @@ def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
     try:
         documents = list(read(text))
     except DocumentError as error:
-        finding = Finding(f"line {error.position.line}", None, str(error), is_sentence=True)
+        finding = Finding(f"line {error.position.line}", None, str(error), Fault.FILE)
         raise ExpectationError(subject, (finding,)) from error
     findings = list(_surplus(documents))
     body = documents[0].body if documents else None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contextpolicy.errors import Finding, FindingsError
+from contextpolicy.errors import Fault, Finding, FindingsError
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.streams.timeline import TimelineEntry
@@ -77,9 +77,13 @@ def load_profiles(path: str) -> Profiles:
     """Read a file; ProfileError carries everything that is wrong with it."""
     try:
         body = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ProfileError(path, (Finding("file", path, f"a readable JSON file ({error})"),)) from error
-    return parse_profiles(body, subject=path)
+    except OSError as error:
+        problem = f"cannot read file: {error.strerror}"
+    except (ValueError, RecursionError) as error:
+        problem = f"not valid JSON: {error}"
+    else:
+        return parse_profiles(body, subject=path)
+    raise ProfileError(path, (Finding("", None, problem, Fault.FILE),))
 
 
 def parse_profiles(body: object, *, subject: str = "profiles") -> Profiles:

@@ -13,7 +13,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.base import normalize_fieldname
 
-from contextpolicy.errors import Finding
+from contextpolicy.errors import Fault, Finding
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -55,7 +55,8 @@ class RosMessage:
         if not isinstance(value, dict):
             self._refuse(path, value, f"an object with fields of {type_name}")
         for name in given.keys() - fields.keys():
-            self._refuse(f"{path}.{name}", given[name], f"one of the fields {', '.join(fields)} of {type_name}")
+            known = f"one of the fields {', '.join(fields)} of {type_name}"
+            self.findings.append(Finding(f"{path}.{name}", given[name], known, Fault.FIELD))
         built = {
             normalize_fieldname(name): self._field(description, given.get(name), f"{path}.{name}")
             for name, description in fields.items()

@@ -17,7 +17,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.errors import DefinitionError, Finding, TimelineError
+from contextpolicy.errors import DefinitionError, Fault, Finding, TimelineError
 from contextpolicy.policy.stream_spec import RosRelease
 from contextpolicy.streams.timeline_shape import findings_in
 
@@ -170,14 +170,14 @@ def _load(path: Path | str, definitions: Definitions) -> Timeline:
         text = Path(path).read_text(encoding="utf-8")
         document = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except OSError as error:
-        finding = Finding("file", str(path), f"a readable file ({error.strerror})")
+        problem = f"cannot read file: {error.strerror}"
     except RecursionError:
-        finding = Finding("file", str(path), "JSON that nests less deeply")
+        problem = "not valid JSON: nested too deeply"
     except ValueError as error:  # also broken UTF-8 and NaN
-        finding = Finding("file", str(path), f"JSON ({error})")
+        problem = f"not valid JSON: {error}"
     else:
         return parse(document, definitions, subject=str(path))
-    raise TimelineError(str(path), (finding,))
+    raise TimelineError(str(path), (Finding("", None, problem, Fault.FILE),))
 
 
 def parse(document: object, definitions: Definitions = (), *, subject: str = "timeline") -> Timeline:

@@ -7,7 +7,7 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from contextpolicy.errors import Finding
+from contextpolicy.errors import Fault, Finding
 from contextpolicy.policy.stream_spec import RosRelease
 
 if TYPE_CHECKING:
@@ -45,7 +45,10 @@ _KEY: Check = (
     "a Zenoh key of at most 256 characters without wildcards, such as robot/imu",
 )
 _DATASET: Check = (_matches(r"[A-Za-z0-9_-]+/[A-Za-z0-9_-]+"), "a data set, such as euroc/stereo")
-_RATE: Check = (lambda value: _is_number(value) and 0 < value <= MAX_RATE, f"Hz, above 0 to {MAX_RATE:g}")
+_RATE: Check = (
+    lambda value: _is_number(value) and 0 < value <= MAX_RATE,
+    f"a rate in Hz above 0 and at most {MAX_RATE:g}",
+)
 _VALUE_ENCODING: Check = (lambda value: value in ("json", "cdr"), "json or cdr")
 _DATASET_ENCODING: Check = (lambda value: value in ("json", "binary"), "json or binary")
 
@@ -122,7 +125,8 @@ def _field_findings(
     for name, value in raw.items():
         check = required.get(name) or options.get(name)
         if check is None:
-            yield Finding(f"{path}{name}", value, f"one of the fields {', '.join((*required, *options))}")
+            known = f"one of the fields {', '.join((*required, *options))}"
+            yield Finding(f"{path}{name}", value, known, Fault.FIELD)
         elif not check[0](value):
             yield Finding(f"{path}{name}", value, check[1])
 

@@ -47,14 +47,14 @@ class ConditionFinding:
 class ShadowFacts:
     """How a shadow fares: `decided` is the other policy's plan, None while the shadow is promoted.
 
-    `misses` are each task's before and since the promotion, None where unknown. `taken_back` is the last promotion that
+    `misses` are each task's before and since the promotion, None where unknown. `reverted` is the last promotion that
     the operator undid, `is_back` whether this very version is back; `rival` is the shadow that is promoted instead.
     """
 
     promoted: bool
     decided: Plan | None
     misses: Mapping[str, tuple[float | None, float | None]]
-    taken_back: Mapping[str, Any] | None
+    reverted: Mapping[str, Any] | None
     is_back: bool = False
     rival: str = ""
 
@@ -179,9 +179,9 @@ def _application(mode: Mode, shadow: ShadowFacts | None, unapplied: Sequence[str
     good = "InForce" if mode.acts else mode.value
     if shadow is None:
         return ConditionFinding("Applied", good, "NotApplied", unapplied if mode.acts else ())
-    if shadow.is_back and shadow.taken_back is not None:
-        reverted = f"the promotion was reverted at {shadow.taken_back['time']}: {shadow.taken_back['message']}"
-        return ConditionFinding("Applied", good, "TakenBack", [f"{reverted}; edit the spec to try again"])
+    if shadow.is_back and shadow.reverted is not None:
+        reverted = f"the promotion was reverted at {shadow.reverted['time']}: {shadow.reverted['message']}"
+        return ConditionFinding("Applied", good, "Reverted", [f"{reverted}; edit the spec to try again"])
     rival = [f"{shadow.rival} is already promoted: only one shadow of a policy can be"] if shadow.rival else []
     return ConditionFinding("Applied", "Promoted" if shadow.promoted else good, "NotApplied", rival)
 
@@ -194,7 +194,7 @@ def _shadow(planner: Planner, facts: ShadowFacts) -> dict[str, Any]:
             {"name": task, **{name: round(part, 4) for name, part in known.items() if part is not None}}
             for task, known in named.items()
         ],
-        "takenBack": facts.taken_back,
+        "reverted": facts.reverted,
     }
 
 

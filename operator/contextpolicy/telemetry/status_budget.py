@@ -30,4 +30,4 @@ def _conditions(status: Mapping[str, Any]) -> tuple[Any, ...]:
     """What a person, or the operator's next start, may have to act on."""
     shadow = status.get("shadow") or {}
     known = [(one["type"], one["status"], one["reason"]) for one in status.get("conditions", ())]
-    return status.get("observedGeneration"), known, status.get("promotedShadow"), shadow.get("takenBack")
+    return status.get("observedGeneration"), known, status.get("promotedShadow"), shadow.get("reverted")

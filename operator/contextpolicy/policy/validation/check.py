@@ -98,7 +98,7 @@ def _check_document(file: str, document: Document, report: CheckReport) -> None:
     if not sources and _means_policy(document.body):
         report.problems.append(Problem(file, document.position("kind"), _wrong_kind(document.body), field="kind"))
     elif not sources:
-        report.skipped.append(f"{file}:{document.position('').line}: no {KIND}: {_kind(document.body)}")
+        report.skipped.append(f"{file}:{document.position('').line}: not a {KIND}: {_kind(document.body)}")
     for source in sources:
         report.seen += 1
         _check_object(source, report)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from contextpolicy.errors import Finding
+from contextpolicy.errors import Fault, Finding
 from contextpolicy.policy import cel_cost, cel_syntax
 from contextpolicy.policy.lean_cel import cel
 from contextpolicy.policy.quantities import parse_cpu
@@ -39,7 +39,7 @@ def findings(stored: Mapping[str, Any], schema: Mapping[str, Any], reported: Col
             holds = any(_is_within(field, rule.path) for field in reported)
         if not holds:
             value = rule.value.get(rule.name) if rule.name else rule.value
-            yield Finding(_inner(rule.path, rule.name), value, rule.message, is_sentence=True)
+            yield Finding(_inner(rule.path, rule.name), value, rule.message, Fault.RULE)
 
 
 def rules(value: Any, node: Mapping[str, Any], path: str = "") -> Iterator[Rule]:

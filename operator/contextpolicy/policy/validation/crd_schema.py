@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from jsonschema import Draft202012Validator, FormatChecker, ValidationError, validators
 
-from contextpolicy.errors import Finding
+from contextpolicy.errors import Fault, Finding
 from contextpolicy.policy.custom_resource import DEFINITION
 from contextpolicy.policy.validation.crd_words import allowed
 
@@ -54,7 +54,8 @@ def findings(stored: Mapping[str, Any]) -> Iterator[Finding]:
         field = _path(error.absolute_path)
         if field not in reported:
             reported.add(field)
-            yield Finding(field, error.instance, allowed(error, field))
+            fault = Fault.FIELD if error.validator == "properties" else Fault.VALUE
+            yield Finding(field, error.instance, allowed(error, field), fault)
 
 
 def as_stored(value: Any, node: Mapping[str, Any]) -> Any:

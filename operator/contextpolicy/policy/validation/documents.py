@@ -70,7 +70,7 @@ def text_of(file: TextIO) -> str:
 def read(text: str) -> Iterator[Document]:
     """Every document in the text; DocumentError at the first place that cannot be read."""
     if len(text) > MAX_BYTES:
-        raise DocumentError(f"is too long: expected at most {MAX_BYTES} characters", Position(1, 1))
+        raise DocumentError(f"too long: expected at most {MAX_BYTES} characters", Position(1, 1))
     try:
         loader = _Loader(text)
         while loader.check_node():
@@ -80,10 +80,10 @@ def read(text: str) -> Iterator[Document]:
     except yaml.MarkedYAMLError as error:
         message = ": ".join(part for part in (error.context, error.problem) if part)
         raise DocumentError(
-            f"is not valid YAML: {message}", _position(error.problem_mark or error.context_mark)
+            f"not valid YAML: {message}", _position(error.problem_mark or error.context_mark)
         ) from error
     except yaml.YAMLError as error:
-        raise DocumentError(f"is not valid YAML: {str(error).splitlines()[0]}", Position(1, 1)) from error
+        raise DocumentError(f"not valid YAML: {str(error).splitlines()[0]}", Position(1, 1)) from error
 
 
 class _Loader(yaml.SafeLoader):
@@ -100,7 +100,7 @@ class _Loader(yaml.SafeLoader):
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise DocumentError(
-                f"is nested deeper than {MAX_DEPTH} levels", _position(parent.start_mark if parent else None)
+                f"nested deeper than {MAX_DEPTH} levels", _position(parent.start_mark if parent else None)
             )
         node: yaml.Node | None = super().compose_node(parent, index)
         self._depth -= 1
@@ -139,9 +139,9 @@ class _Builder:
         self._values += 1
         position = _position(node.start_mark)
         if self._values > MAX_VALUES:
-            raise DocumentError(f"has more than {MAX_VALUES} values once its aliases are expanded", position)
+            raise DocumentError(f"more than {MAX_VALUES} values once its aliases are expanded", position)
         if id(node) in inside:
-            raise DocumentError("contains itself through an alias", position)
+            raise DocumentError("an alias contains itself", position)
         # A value in a mapping keeps the position of its key.
         self._positions.setdefault(path, position)
         inside = (*inside, id(node))
@@ -156,7 +156,7 @@ class _Builder:
         try:
             return self._loader.construct_object(node)
         except ValueError as error:
-            raise DocumentError(f"has a scalar that is not a valid value: {error}", position) from error
+            raise DocumentError(f"not a valid value: {error}", position) from error
 
     def _mapping(self, node: yaml.MappingNode, path: str, inside: tuple[int, ...]) -> dict[str, Any]:
         result: dict[str, Any] = {}
@@ -167,7 +167,7 @@ class _Builder:
                 continue
             key = _key(key_node)
             if not key:
-                raise DocumentError("has a key that is not a string", _position(key_node.start_mark))
+                raise DocumentError("a key that is not a string", _position(key_node.start_mark))
             inner = f"{path}.{key}" if path else key
             if key in result:
                 self._duplicates.append(inner)

@@ -34,9 +34,11 @@ def load_policy(path: str, types: Definitions | None = None) -> Policy:
     report = check([(path, text)], types)
     if report.errors:
         raise PolicyFileError("\n".join(str(problem) for problem in report.errors))
+    if not report.policies:
+        raise PolicyFileError(f"{path}: no ContextPolicy found")
     if len(report.policies) != 1:
-        names = ", ".join(policy.reference for _, policy in report.policies) or "none"
-        raise PolicyFileError(f"{path}: holds {len(report.policies)} policies ({names}), expected one")
+        names = ", ".join(policy.reference for _, policy in report.policies)
+        raise PolicyFileError(f"{path}: contains {len(report.policies)} policies ({names}): expected one")
     return report.policies[0][1]
 
 

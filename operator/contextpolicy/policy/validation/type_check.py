@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from contextpolicy.errors import DefinitionError, Finding
+from contextpolicy.errors import DefinitionError, Fault, Finding
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.context_reads import CONTEXTS
 from contextpolicy.policy.ros_types import is_known, store_of
@@ -40,12 +40,12 @@ def expression_findings(policy: Policy) -> Iterator[Finding]:
     shapes[CONTEXTS] = _contexts(policy)
     for field, source, is_number in expressions(policy):
         wanted = NUMBER if is_number else BOOL
-        yield from (Finding(field, source, wrong, is_sentence=True) for wrong in mistakes(source, wanted, shapes))
+        yield from (Finding(field, source, wrong, Fault.RULE) for wrong in mistakes(source, wanted, shapes))
     for index, stream in enumerate(policy.streams):
         own = {stream.name: samples[stream.name]}
         for field, source, wanted in _own(stream):
             path = f"spec.streams[{index}].{field}"
-            yield from (Finding(path, source, wrong, is_sentence=True) for wrong in mistakes(source, wanted, own))
+            yield from (Finding(path, source, wrong, Fault.RULE) for wrong in mistakes(source, wanted, own))
         if stream.timestamp:
             yield from _timestamp(f"spec.streams[{index}].timestamp", stream.timestamp, samples[stream.name])
 
