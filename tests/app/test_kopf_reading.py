@@ -14,6 +14,7 @@ import pytest
 
 from contextpolicy.app import kopf_handlers
 from contextpolicy.app.kopf_thread import KopfThread
+from contextpolicy.policy.custom_resource import GROUP
 from tests.app.kopf_server import KopfServer, a_policy_in
 from tests.waiting import until
 
@@ -67,3 +68,23 @@ def test_a_policy_that_nests_deeply_keeps_no_other_from_being_served(serve, dept
     operator = serve({"lab": deep, "hall": json.dumps(a_policy_in("hall"))})
     until(lambda: operator.changed.keys() == {"lab", "hall"})
     assert json.dumps(operator.changed["lab"])
+
+
+ANNOTATIONS = {
+    "no digest": {"last-handled-configuration": "{"},
+    "another digest": {"last-handled-configuration": "5"},
+    "a deep digest": {"last-handled-configuration": "[" * 10_000},
+    "no progress": {"apply": "{"},
+    "another progress": {"apply": "5"},
+    "a false time": {"apply": '{"started": "soon"}'},
+    "a false number": {"apply": '{"retries": "many"}'},
+    "a false purpose": {"apply": '{"purpose": {}, "subrefs": 5}'},
+}
+
+
+@pytest.mark.parametrize("annotations", ANNOTATIONS.values(), ids=ANNOTATIONS)
+def test_annotations_that_somebody_else_wrote_do_not_keep_a_policy_from_being_served(serve, annotations):
+    policy = a_policy_in("lab")
+    policy["metadata"]["annotations"] = {f"{GROUP}/{name}": text for name, text in annotations.items()}
+    operator = serve({"lab": json.dumps(policy)})
+    until(lambda: operator.changed.keys() == {"lab"})
