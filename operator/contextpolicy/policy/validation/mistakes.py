@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 DECISIONS = ("plan", "applied", "explain")
 """The last chunk of the decision bus's keys."""
+CONFIRMATIONS = "contextpolicy/agents/*/confirmed"
+"""What agents say of the plans of all namespaces."""
 STEP = 10
 """Thousandths of a core: CPU limits move in steps of 10m, the kubelet's smallest quota."""
 
@@ -39,7 +41,8 @@ def _decisions(policy: Policy) -> Iterator[Finding]:
     """Streams that hear what the operator decides for other namespaces, as one with the key `**` does."""
     own = f"contextpolicy/{policy.namespace}/"
     for index, stream in enumerate(policy.streams):
-        if not stream.key.startswith(own) and any(meet(stream.key, f"contextpolicy/*/*/{what}") for what in DECISIONS):
+        others = () if stream.key.startswith(own) else (f"contextpolicy/*/*/{what}" for what in DECISIONS)
+        if any(meet(stream.key, key) for key in (*others, CONFIRMATIONS)):
             allowed = "a key that leaves out what the operator says to other namespaces (contextpolicy/**)"
             yield Finding(f"spec.streams[{index}].key", stream.key, allowed)
 
