@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import chain, islice
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
+from contextpolicy.policy.fields import MOST_FINDINGS
 from contextpolicy.policy.key_expressions import meet
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.ros_types import type_findings
@@ -26,15 +28,16 @@ STEP = 10
 
 
 def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
-    """Every reason to refuse a policy that parses."""
-    return (
-        *type_findings(policy),
-        *ros_key_findings(policy),
-        *_decisions(policy),
-        *expression_findings(policy),
-        *_debounce(policy),
-        *_steps(policy),
+    """The reasons to refuse a policy that parses."""
+    found = chain(
+        type_findings(policy),
+        ros_key_findings(policy),
+        _decisions(policy),
+        expression_findings(policy),
+        _debounce(policy),
+        _steps(policy),
     )
+    return tuple(islice(found, MOST_FINDINGS))
 
 
 def _decisions(policy: Policy) -> Iterator[Finding]:
