@@ -86,4 +86,4 @@ def test_a_planted_import_of_timelines_is_found(planted, found):
 
 def test_only_the_handlers_and_what_starts_them_import_kopf():
     importers = importers_of("kopf", sources(OPERATOR, "contextpolicy"))
-    assert {name.rpartition(".")[2] for name in importers} == {"kopf_handlers", "kopf_thread"}
+    assert {name.rpartition(".")[2] for name in importers} == {"kopf_handlers", "kopf_reading", "kopf_thread"}

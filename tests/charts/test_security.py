@@ -112,9 +112,7 @@ def test_certificates_are_made_by_a_job_and_renewed_by_a_cronjob(secured):
     assert schedule["spec"]["jobTemplate"]["spec"]["template"] == job["spec"]["template"]
     assert job["spec"]["template"]["spec"]["serviceAccountName"] == "contextpolicy-certificates"
     assert "annotations" not in job["metadata"], "no hook: see the template"
-    assert schedule["spec"]["concurrencyPolicy"] == "Replace", (
-        "a pod whose image is gone would prevent all further runs"
-    )
+    assert schedule["spec"]["concurrencyPolicy"] == "Replace", "a pod that never starts would prevent all further runs"
 
 
 ENDS = ("", *(f".contextpolicy-system{end}" for end in ("", ".svc", ".svc.cluster.local")))

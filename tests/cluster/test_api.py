@@ -156,6 +156,11 @@ def test_objects_of_all_namespaces_or_of_one_are_listed(api, server, kind, names
     assert [asked.partition("?")[0] for _, asked, _, _ in server.requests] == [path]
 
 
+def test_an_object_deeper_than_python_decodes_keeps_no_other_from_being_read(api, server):
+    server.answer = 200, b'{"items": [{"example": %s}, {"kind": "Any"}]}' % (b"[" * 10_000 + b"]" * 10_000)
+    assert list(api.policies(None))[1] == {"kind": "Any"}
+
+
 @pytest.mark.parametrize("answer", [b"<html>\n</html>", b"[]", b"{}", b'{"items'])
 def test_malformed_list_is_an_error(api, server, answer):
     """A proxy answers, or a server of another kind."""

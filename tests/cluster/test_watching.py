@@ -145,6 +145,15 @@ def test_a_list_whose_pages_have_expired_starts_over_and_forgets_nothing():
     assert asked[-1] == "/pods since 9"
 
 
+def test_an_object_deeper_than_python_decodes_is_reported_like_others():
+    deep = an_event("ADDED", {**an_item("deep", 5), "example": 5}).replace(
+        b": 5}", b": " + b"[" * 10_000 + b"]" * 10_000 + b"}"
+    )
+    reported, asked = follow(a_list(version=4), Response(deep, an_event("ADDED", an_item("slam", 6))))
+    assert reported == ["deep", "slam"]
+    assert asked == [LIST, "/pods since 4", "/pods since 6"]
+
+
 def test_events_may_be_split_across_chunks():
     event = an_event("ADDED", an_item("slam", 5))
     reported, _ = follow(a_list(), Response(event[:7], event[7:] + event[:20], event[20:]))

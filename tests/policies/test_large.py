@@ -6,6 +6,9 @@ import json
 
 import pytest
 
+from contextpolicy.errors import PolicyError
+from contextpolicy.policy.fields import MOST_FINDINGS
+from contextpolicy.policy.parsing import parse
 from tests.cluster.builders import a_pod
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.policies.builders import IMU, a_policy, resources
@@ -100,3 +103,16 @@ def test_a_policy_of_a_megabyte_decides_and_keeps_no_other_from_deciding(robot):
     limits = robot.limits()
     assert (limits["speech"], limits["speech-0"]) == (10, 10)
     assert robot.condition("Accepted")[:2] == ("True", "Valid")
+
+
+def test_an_invalid_policy_is_refused_with_few_words():
+    """Each mistake names what there is: 100 kB of unknown tasks made 8 MB of findings in half a minute."""
+    names = [f"task-{number:03}-".ljust(NAME, "x") for number in range(TASKS)]
+    effects = {f"other-{number:03}-".ljust(NAME, "x"): {"weight": 1} for number in range(TASKS)}
+    contexts = [a_context(f"c{number}", "imu.x > 1.0", effects) for number in range(8)]
+    unknown = [a_context("unknown", "||".join(f"s{number}.x>1.0" for number in range(80)), {})]
+    for body in (a_policy(tasks=[a_task(name) for name in names], contexts=contexts), a_policy(contexts=unknown)):
+        with pytest.raises(PolicyError) as caught:
+            parse(body)
+        assert 80 <= len(caught.value.findings) <= MOST_FINDINGS
+        assert len(str(caught.value)) < 300_000

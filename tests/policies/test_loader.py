@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import json
 from contextlib import suppress
+from typing import TYPE_CHECKING, cast
 
 import pytest
 
@@ -18,6 +19,9 @@ from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.planning.quiet import Quiet
 from tests.policies.builders import a_policy
+
+if TYPE_CHECKING:
+    from contextpolicy.cluster.fencing import PolicyApi
 
 MOOD = "robot/mood"
 GLAD = b"\0\1\0\0\1"
@@ -140,7 +144,7 @@ def test_nothing_of_a_loaded_policy_is_compiled_on_the_loop(monkeypatch):
         tasks=[a_task("slam", activity=[activity]), a_task("speech", requires=[{"when": "imu.x > 0.0"}])],
         contexts=[a_context("moving", "imu.mean > 0.1", {"slam": {"weight": 8}}, until="imu.mean < 0.1")],
     )
-    loaded = load(spec, FakeCluster(), Tenants())
+    loaded = load(spec, cast("PolicyApi", FakeCluster()), Tenants())
     assert loaded.policy is not None, loaded.rejected
     compiled: list[str] = []
     monkeypatch.setattr(cel.Expression, "__init__", lambda _, source: compiled.append(source))

@@ -8,11 +8,16 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
-from typing import Any
+from contextlib import suppress
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
 
 import kopf
 
 from contextpolicy.policy.custom_resource import FINALIZER, GROUP, PLURAL
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 registry = kopf.get_default_registry()
 """Where the decorators below register the handlers."""
@@ -41,12 +46,38 @@ class Digests(kopf.AnnotationsDiffBaseStorage):
         text = json.dumps(essence, sort_keys=True, separators=(",", ":"))
         return kopf.BodyEssence(spec={"digest": hashlib.sha256(text.encode()).hexdigest()})
 
+    def fetch(self, *, body: kopf.Body) -> kopf.BodyEssence | None:
+        """None where somebody else wrote the annotation: kopf fails on what it can't read, and serves that no more."""
+        with suppress(ValueError, RecursionError):
+            found = super().fetch(body=body)
+            return found if isinstance(found, dict) else None
+        return None
+
+
+class Progress(kopf.AnnotationsProgressStorage):
+    """What kopf has begun with a policy, which anybody who may edit the policy can write."""
+
+    def fetch(self, *, key: Any, body: kopf.Body) -> Any:
+        """None where somebody else wrote it."""
+        with suppress(ValueError, TypeError, AttributeError, RecursionError):
+            found = super().fetch(key=key, body=body)
+            return found if found is None or _is_progress(found) else None
+        return None
+
+
+def _is_progress(found: Mapping[str, Any]) -> bool:
+    """Whether kopf can go on with it; ValueError, TypeError and AttributeError mean that it can't."""
+    for moment in ("started", "stopped", "delayed"):
+        datetime.fromisoformat(found.get(moment) or "2026-01-01T00:00:00")
+    texts = [*(found.get("subrefs") or ()), found.get("purpose") or "", found.get("message") or ""]
+    return isinstance(found.get("retries", 0), int) and all(isinstance(text, str) for text in texts)
+
 
 @kopf.on.startup()
 async def configure(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     """Set kopf up. Nothing here may fail: kopf would try again after a minute."""
     settings.persistence.finalizer = FINALIZER
-    settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=GROUP)
+    settings.persistence.progress_storage = Progress(prefix=GROUP)
     settings.persistence.diffbase_storage = Digests(prefix=GROUP)
     settings.posting.enabled = False
     settings.scanning.disabled = True

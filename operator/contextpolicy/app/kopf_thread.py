@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import kopf
 
 from contextpolicy.app import kopf_handlers
+from contextpolicy.app.kopf_reading import bound_nesting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -54,6 +55,7 @@ class KopfThread:
         beat()
 
     def _run(self) -> None:
+        bound_nesting()
         try:
             kopf.run(
                 registry=kopf_handlers.registry,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import urllib3
@@ -11,6 +10,7 @@ import urllib3
 from contextpolicy.cluster import lease, paging
 from contextpolicy.cluster.api_connection import JSON, ApiConnection, excerpt
 from contextpolicy.cluster.lease import Lease
+from contextpolicy.cluster.nesting import loads
 from contextpolicy.cluster.paging import Page
 from contextpolicy.cluster.pod_parsing import version_of
 from contextpolicy.cluster.serving import Service, service
@@ -219,8 +219,8 @@ def _version(answer: bytes) -> int:
 
 def _object(answer: bytes, *needed: str) -> dict[str, Any]:
     try:
-        found = json.loads(answer)
-    except (ValueError, RecursionError) as error:
+        found = loads(answer)
+    except ValueError as error:
         raise _unreadable(answer) from error
     if not isinstance(found, dict) or any(field not in found for field in needed):
         raise _unreadable(answer)

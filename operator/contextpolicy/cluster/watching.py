@@ -8,7 +8,6 @@ when the server ends or refuses a watch.
 
 from __future__ import annotations
 
-import json
 import logging
 from concurrent.futures import Future
 from contextlib import suppress
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from kubernetes.watch.watch import iter_resp_lines
 
+from contextpolicy.cluster.nesting import loads
 from contextpolicy.cluster.paging import PageReader, pages
 from contextpolicy.errors import ActuationError
 
@@ -127,7 +127,7 @@ class ObjectWatch:
             self._response = response
             if not self._stop.is_set():
                 for line in iter_resp_lines(response):  # type: ignore[no-untyped-call]
-                    self._take(json.loads(line))
+                    self._take(loads(line))
 
     def _take(self, event: Mapping[str, Any]) -> None:
         item = event["object"]

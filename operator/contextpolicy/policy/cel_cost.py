@@ -62,9 +62,13 @@ def read(tree: Node) -> Reading:
     cost = walk.cost(tree)
     if walk.sums > MAX_SUMS:
         raise ValueError(f"adds more often than {MAX_SUMS} times")
-    bound = _bound(cost, walk)
-    reads, presence, contexts = map(frozenset, (walk.reads, walk.presence, walk.contexts))
-    return Reading(reads, presence, contexts, walk.repeated, bound)
+    return Reading(
+        reads=frozenset(walk.reads),
+        presence=frozenset(walk.presence),
+        contexts=frozenset(walk.contexts),
+        repeated=walk.repeated,
+        bound=_bound(cost, walk),
+    )
 
 
 def size(value: object) -> int:

@@ -34,6 +34,9 @@ LARGEST_WEIGHT = 1_000_000
 
 KEY_ALLOWED = "a Zenoh key expression of at most 256 characters, such as robot/imu or robot/*/imu"
 
+MOST_FINDINGS = 100
+"""That are looked for in one policy: each says what is expected, which may be a long list."""
+
 
 class Fields:
     """The fields of one object. Reading a field makes its name known; `close` refuses the others."""
@@ -54,7 +57,8 @@ class Fields:
 
     def refuse(self, name: str, value: object, allowed: str) -> None:
         """Note that a field has an invalid value."""
-        self._findings.append(Finding(self.at(name), value, allowed))
+        if len(self._findings) < MOST_FINDINGS:
+            self._findings.append(Finding(self.at(name), value, allowed))
 
     def at(self, name: str) -> str:
         """The field's full path."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import bandwidth, references
 from contextpolicy.policy import spec as policy
-from contextpolicy.policy.fields import LARGEST_WEIGHT, OBJECT_NAME, TASK_NAME, TASK_NAME_ALLOWED, Fields
+from contextpolicy.policy.fields import LARGEST_WEIGHT, MOST_FINDINGS, OBJECT_NAME, TASK_NAME, TASK_NAME_ALLOWED, Fields
 from contextpolicy.policy.stream_parsing import parse_stream
 from contextpolicy.policy.task_parsing import parse_task
 
@@ -30,7 +31,7 @@ def parse(body: Mapping[str, Any], *checks: Callable[[policy.Policy], Iterable[F
     result = _policy(namespace, name, Fields(fields.get("spec"), "spec", findings))
     # Run them even after findings: what was refused has a harmless default, and all mistakes are reported at once.
     for check in (references.check, *checks):
-        findings += check(result)
+        findings += islice(check(result), MOST_FINDINGS - len(findings))
     if findings:
         raise PolicyError(f"ContextPolicy {namespace}/{name}", tuple(findings))
     return result

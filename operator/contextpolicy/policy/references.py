@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 
     from contextpolicy.policy.spec import Effect, Policy, Task
 
+MOST_NAMES = 16
+"""That a finding lists of those there are."""
 
-def check(policy: Policy) -> list[Finding]:
+
+def check(policy: Policy) -> Iterator[Finding]:
     """Every duplicate name, unresolved reference and cycle."""
-    return [*_names(policy), *_streams(policy), *_expressions(policy), *_graph(policy), *_contexts(policy)]
+    return chain(_names(policy), _streams(policy), _expressions(policy), _graph(policy), _contexts(policy))
 
 
 def _names(policy: Policy) -> Iterator[Finding]:
@@ -171,4 +174,5 @@ def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
 def _list(names: Iterable[str]) -> str:
     # A name that was refused when it was read is empty by now; its own finding has it.
     usable = sorted(filter(None, names))
-    return "one of " + ", ".join(usable) if usable else "none are declared"
+    more = f" and {len(usable) - MOST_NAMES} more" if len(usable) > MOST_NAMES else ""
+    return "one of " + ", ".join(usable[:MOST_NAMES]) + more if usable else "none are declared"

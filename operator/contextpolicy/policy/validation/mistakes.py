@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import chain, islice
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
+from contextpolicy.policy.fields import MOST_FINDINGS
 from contextpolicy.policy.key_expressions import meet
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.ros_types import type_findings
@@ -19,27 +21,31 @@ if TYPE_CHECKING:
 
 DECISIONS = ("plan", "applied", "explain")
 """The last chunk of the decision bus's keys."""
+CONFIRMATIONS = "contextpolicy/agents/*/confirmed"
+"""What agents say of the plans of all namespaces."""
 STEP = 10
 """Thousandths of a core: CPU limits move in steps of 10m, the kubelet's smallest quota."""
 
 
 def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
-    """Every reason to refuse a policy that parses."""
-    return (
-        *type_findings(policy),
-        *ros_key_findings(policy),
-        *_decisions(policy),
-        *expression_findings(policy),
-        *_debounce(policy),
-        *_steps(policy),
+    """The reasons to refuse a policy that parses."""
+    found = chain(
+        type_findings(policy),
+        ros_key_findings(policy),
+        _decisions(policy),
+        expression_findings(policy),
+        _debounce(policy),
+        _steps(policy),
     )
+    return tuple(islice(found, MOST_FINDINGS))
 
 
 def _decisions(policy: Policy) -> Iterator[Finding]:
     """Streams that receive what the operator decides for other namespaces, as one with the key `**` does."""
     own = f"contextpolicy/{policy.namespace}/"
     for index, stream in enumerate(policy.streams):
-        if not stream.key.startswith(own) and any(meet(stream.key, f"contextpolicy/*/*/{what}") for what in DECISIONS):
+        others = () if stream.key.startswith(own) else (f"contextpolicy/*/*/{what}" for what in DECISIONS)
+        if any(meet(stream.key, key) for key in (*others, CONFIRMATIONS)):
             allowed = "a key that excludes what the operator publishes for other namespaces (contextpolicy/**)"
             yield Finding(f"spec.streams[{index}].key", stream.key, allowed)
 
