@@ -24,6 +24,15 @@ def test_drawings_are_transparent_without_dashed_lines(picture):
     assert "dasharray" not in drawn
 
 
+@pytest.mark.parametrize("picture", [name for name in listed("*.png") if not name.endswith("-dark.png")])
+def test_a_photograph_of_a_page_has_a_dark_one_beside_it(picture):
+    dark = Path(picture).with_stem(f"{Path(picture).stem}-dark")
+    assert (ROOT / dark).exists(), "PICTURES=1 on the node, tests/heavy/node/test_live_page_pictures.py"
+    shown = [text for name in listed("*.md") if dark.name in (text := (ROOT / name).read_text(encoding="utf-8"))]
+    assert shown
+    assert all(f'<source media="(prefers-color-scheme: dark)" srcset="../../{dark}">' in text for text in shown)
+
+
 def test_every_picture_has_an_alternative_text_that_says_what_it_shows():
     found = {
         (name, shown["text"] or shown["alt"] or "")
