@@ -38,7 +38,7 @@ def draw(result: Mapping[str, Any], path: Path) -> None:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH * len(sweeps), 3 * HEIGHT), layout="constrained")
         panels: Any = figure.subplots(3, len(sweeps), sharex="col", sharey="row", squeeze=False)
-        named = []
+        named: list[tuple[Any, dict[str, tuple[float, str]]]] = []
         for column, (name, rows) in enumerate(sweeps.items()):
             node = result["node"] if name == "containers" else []
             drawn = (_reaction(panels[0][column], rows, node), _cost(panels[1][column], rows))
