@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 HOME = "README.md"
 _LINK = re.compile(r"\[([^][]*)\]\(([^)\s]+)\)")
+_PICTURE = re.compile(r'\b(src|srcset)="([^"]+)"')
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -35,7 +36,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, files: Files, **_: object) -> str:
-    """Let links to a folder lead to its README, or be plain text where it has none."""
+    """Let links to a folder lead to its README, or be plain text where it has none, and pictures to where they are."""
 
     def rewritten(link: re.Match[str]) -> str:
         target = _target(page.file.src_uri, link[2])
@@ -44,7 +45,14 @@ def on_page_markdown(markdown: str, *, page: Page, files: Files, **_: object) ->
         has_readme = files.get_file_from_path(f"{target}/{HOME}") is not None
         return f"[{link[1]}]({link[2].rstrip('/')}/{HOME})" if has_readme else link[1]
 
-    return _LINK.sub(rewritten, markdown)
+    def moved(picture: re.Match[str]) -> str:
+        target = _target(page.file.src_uri, picture[2])
+        if target is None or not (ROOT / target).is_file():
+            return picture[0]
+        here = PurePosixPath(destination(page.file.src_uri)).parent
+        return f'{picture[1]}="{os.path.relpath(destination(target), here)}"'
+
+    return _PICTURE.sub(moved, _LINK.sub(rewritten, markdown))
 
 
 def destination(name: str) -> str:
@@ -64,7 +72,8 @@ def _documents() -> list[str]:
 def _linked(documents: Iterable[str]) -> Iterator[str]:
     """The files that documents link to or show, and that are no documents themselves."""
     for name in documents:
-        for _, link in _LINK.findall((ROOT / name).read_text(encoding="utf-8")):
+        text = (ROOT / name).read_text(encoding="utf-8")
+        for _, link in (*_LINK.findall(text), *_PICTURE.findall(text)):
             target = _target(name, link)
             if target is not None and not target.endswith(".md") and (ROOT / target).is_file():
                 yield target

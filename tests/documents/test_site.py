@@ -72,6 +72,13 @@ def test_the_readme_is_the_home_page_and_links_to_pages(site):
     assert 'href="how-to/install.html' in home
 
 
+def test_pictures_are_on_the_site_where_their_pages_look_for_them(site):
+    page = site / "how-to" / "watch.html"
+    shown = re.findall(r'<(?:source|img)\b[^>]*\bsrc(?:set)?="([^"]+)"', page.read_text("utf-8"))
+    assert [Path(one).name for one in shown] == ["live-page-dark.png", "live-page.png"]
+    assert all((page.parent / one).is_file() for one in shown)
+
+
 def test_linked_files_are_on_the_site(site):
     assert (site / "config" / "policies" / "ros2.yaml").read_bytes() == (
         ROOT / "config" / "policies" / "ros2.yaml"
