@@ -28,13 +28,13 @@ def test_drawings_are_transparent_without_dashed_lines(picture):
     assert "dasharray" not in drawn
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize("picture", listed("timelines/*.svg"))
 def test_modules_and_contexts_have_their_colours(picture):
     """The palette's other colours are for tasks that are not in `modules/`."""
     used = set(re.findall(r"#[0-9a-f]{6}", (ROOT / picture).read_text(encoding="utf-8")))
     assert used - {*MODULE_COLORS.values(), *CONTEXT_COLORS, INK, OTHERS} == set()
-=======
+
+
 @pytest.mark.parametrize("picture", [name for name in listed("*.png") if not name.endswith("-dark.png")])
 def test_a_photograph_of_a_page_has_a_dark_one_beside_it(picture):
     dark = Path(picture).with_stem(f"{Path(picture).stem}-dark")
@@ -42,7 +42,6 @@ def test_a_photograph_of_a_page_has_a_dark_one_beside_it(picture):
     shown = [text for name in listed("*.md") if dark.name in (text := (ROOT / name).read_text(encoding="utf-8"))]
     assert shown
     assert all(f'<source media="(prefers-color-scheme: dark)" srcset="../../{dark}">' in text for text in shown)
->>>>>>> pics31-live
 
 
 def test_every_picture_has_an_alternative_text_that_says_what_it_shows():

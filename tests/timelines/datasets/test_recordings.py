@@ -45,4 +45,4 @@ def test_speech_is_outdated_when_the_code_that_makes_it_changed(code, tmp_path, 
 def test_an_unknown_name_is_refused(capsys):
     with pytest.raises(SystemExit):
         main(["nonsense"])
-    assert "there are euroc" in capsys.readouterr().err
+    assert "expected one of euroc" in capsys.readouterr().err
