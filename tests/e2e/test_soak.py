@@ -209,6 +209,7 @@ class Stage(Background):
     def replace(self, name, limit):
         """The task's pod goes, and another one comes."""
         self.watch.living.pop(name, None)
+        self.originals.pop(name, None)
         self.robot.stop(name)
         resources = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": f"{limit}m", "memory": "64Mi"}}
         apply(pod(name, self.robot.namespace, IDLE, resources))

@@ -62,9 +62,10 @@ class Troubles:
         run("kubectl", "patch", "ctxp", "robot", "-n", self._robot.namespace, *how, timeout=20)
 
     def _foreign_resize(self, name: str) -> None:
-        """To what the container came with, which is a limit that it may have."""
+        """To what the container came with, which is a limit that it may have; no pod that has replaced it."""
+        uid = get("pod", name, self._robot.namespace)["metadata"]["uid"]
         limit = {"limits": {"cpu": f"{self._original(name)}m"}}
-        patch = {"spec": {"containers": [{"name": name, "resources": limit}]}}
+        patch = {"metadata": {"uid": uid}, "spec": {"containers": [{"name": name, "resources": limit}]}}
         where = ("-n", self._robot.namespace, "--subresource", "resize", "--field-manager", "vpa-updater")
         run("kubectl", "patch", "pod", name, *where, "--patch", json.dumps(patch), timeout=20)
 
