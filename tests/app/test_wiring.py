@@ -242,7 +242,7 @@ def test_originals_that_are_changed_while_the_operator_runs_are_written_again(ru
     running.settle()
     assert running.cluster.policies["lab/robot"] == before
     [reported] = [message for reason, message in running.reported() if reason == "OriginalsChanged"]
-    assert "written again" in reported
+    assert "has restored it" in reported
     forge(running, forgery)
     running.see()
     assert [reason for reason, _ in running.reported()].count("OriginalsChanged") == 1, "said once in a while"
