@@ -142,7 +142,7 @@ def test_a_writer_that_never_stops_wins_in_the_kernel_too(governed):
     governed.drive(0.3)
     settled(governed, MOVING)
     deadline = time.monotonic() + 150
-    while "this keeps happening, so the change is left in place" not in governed.condition("Applied")[1]:
+    while "the operator leaves the change in place" not in governed.condition("Applied")[1]:
         assert time.monotonic() < deadline
         resize(governed, "slam", "300m", "vpa-updater")
     for speed in (0.0, 0.3):

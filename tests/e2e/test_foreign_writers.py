@@ -51,7 +51,7 @@ def test_a_writer_that_never_stops_wins_and_is_reported(governed):
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
     deadline = time.monotonic() + 150
-    while "this keeps happening, so the change is left in place" not in governed.condition("Applied")[1]:
+    while "the operator leaves the change in place" not in governed.condition("Applied")[1]:
         assert time.monotonic() < deadline
         resize(governed, "slam", "300m", "vpa-updater")
     reported = generation(governed, "slam")

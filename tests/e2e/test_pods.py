@@ -95,7 +95,7 @@ def test_limit_of_the_whole_pod_bounds_its_container_and_is_reported(robot):
     robot.drive(0.3)
     robot.expect(slam=500, speech=10)
     until("the status shows it", lambda: "pod limits of 600m" in robot.condition("Applied")[1])
-    assert "set the task's max to its CPU limit" in robot.condition("Applied")[1]
+    assert "set the task's max to the pod's CPU limit" in robot.condition("Applied")[1]
     robot.policy(tasks=[task("slam", max="600m"), task("speech")])
     robot.expect(slam=600, speech=10)
     until("the status is well", lambda: robot.condition("Applied")[0] == "True")

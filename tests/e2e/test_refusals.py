@@ -62,7 +62,7 @@ def test_refused_restore_reports_what_it_waits_for(robot):
     with resizes_refused(robot.namespace, "slam"):
         run("kubectl", "delete", "ctxp", "robot", "-n", robot.namespace, "--wait=false")
         until("the status says why", lambda: NO_RESIZES in robot.condition("Applied")[1])
-        assert "to give up, remove its finalizer" in robot.condition("Applied")[1]
+        assert "without restoring them, remove its finalizer" in robot.condition("Applied")[1]
         until("an Event says why", lambda: any(NO_RESIZES in message for message in robot.reported("RestoreFailed")))
     robot.expect(slam=500, speech=500)
     delete("ctxp", "robot", robot.namespace)
@@ -91,7 +91,7 @@ def test_deferred_resize_is_reported_and_carried_out_when_there_is_room(robot):
     robot.policy()
     robot.drive(0.3)
     until("the kubelet defers it", lambda: "slam: Deferred: " in robot.condition("Applied")[1])
-    assert "lower their requests or the task's max" in robot.condition("Applied")[1]
+    assert "lower the requests of its pods or the task's max" in robot.condition("Applied")[1]
     assert any("slam: Deferred: " in message for message in robot.reported("ResizePending"))
     robot.expect(slam=500, speech=10)
     robot.stop("hog")

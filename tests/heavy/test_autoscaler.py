@@ -106,7 +106,7 @@ def test_cpu_autoscaler_is_reverted_until_it_persists(robot, controlled):
 
     until(
         "it gets its way",
-        lambda: "so the change is left in place" in (now := robot.condition("Applied"))[1] or now,
+        lambda: "the operator leaves the change in place" in (now := robot.condition("Applied"))[1] or now,
         MINUTES,
     )
     time.sleep(3 * autoscaler.INTERVAL)
