@@ -183,11 +183,13 @@ class StereoSlam:
             return None
         confirmed = self._tracker.confirm(fixes[0], picture, beside)
         why = stereo_doubt(fixes[0], confirmed)
-        if why is None:
-            fixes[0] = confirmed
-            self._reference_from_camera = confirmed.keyframe_from_camera
-            self._tracker.offset = Offset(confirmed.offset.pixels, max(confirmed.offset.spread, OFFSET_WALK))
-        return why
+        if confirmed is None or why is not None:
+            self._tracker.offset = Offset(self._tracker.offset.pixels)  # may have changed: learn it again
+            return why
+        fixes[0] = confirmed
+        self._reference_from_camera = confirmed.keyframe_from_camera
+        self._tracker.offset = Offset(confirmed.offset.pixels, max(confirmed.offset.spread, OFFSET_WALK))
+        return None
 
     def _pose(self, fixes: list[Fix], *, is_keyframe: bool) -> Pose:
         body_from_camera = self._rectifier.body_from_camera

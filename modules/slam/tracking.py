@@ -118,13 +118,15 @@ class Tracker:
         fix = self._anywhere(view.features, keyframe)
         return fix and self._sharper(view, fix)
 
-    def confirm(self, fix: Fix, left: Picture, right: Picture) -> Fix:
-        """Measure the landmarks' disparities in this picture too, and fit again: depth is known at both ends then."""
+    def confirm(self, fix: Fix, left: Picture, right: Picture) -> Fix | None:
+        """Measure disparities in this picture too, and fit again, with depth at both ends; None if too few agree."""
         depths = apply(inverse(fix.keyframe_from_camera), fix.keyframe.points[fix.rows])[:, 2]
         shifts = self.offset.pixels * turn_shifts(self._matrix, fix.seen)
         guesses = fix.seen - np.column_stack([self._disparity_metres / depths + shifts, np.zeros(len(depths))])
         disparities = sharpened(left, right, fix.seen, guesses)
-        return self._fit(fix, disparities) or fix
+        confirmed, measured = self._fit(fix, disparities), fix.rows[np.isfinite(disparities)]
+        agree = confirmed is not None and np.isin(measured, confirmed.rows).sum() >= MIN_INLIERS
+        return confirmed if agree else None
 
     def _anywhere(self, features: Features, keyframe: Keyframe) -> Fix | None:
         fix = self._matched(features, keyframe, np.arange(len(keyframe)), None)

@@ -57,10 +57,11 @@ def _vagueness(fix: Fix) -> float:
     return worst / float(np.median(fix.keyframe.points[:, 2]))
 
 
-def stereo_doubt(fix: Fix, confirmed: Fix) -> str | None:
+def stereo_doubt(fix: Fix, confirmed: Fix | None) -> str | None:
     """Why both cameras may have moved against each other, by what a new keyframe measures of known landmarks."""
-    differs = confirmed.inliers < MATCHING * fix.inliers or abs(confirmed.offset.pixels) > MOST_OFFSET
-    return "cameras disagree" if differs else None
+    if confirmed is None or confirmed.inliers < MATCHING * fix.inliers or abs(confirmed.offset.pixels) > MOST_OFFSET:
+        return "cameras disagree"
+    return None
 
 
 def depth_doubt(known: int, corners: int) -> str | None:

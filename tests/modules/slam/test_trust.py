@@ -116,7 +116,18 @@ def test_a_camera_slightly_turned_is_corrected_but_its_scale_is_uncertain(frames
     assert {pose.doubt for pose in run(frames)} == {None}
 
 
+@pytest.mark.parametrize("pixels", [-8, -4, -2, 2, 4, 8])
+def test_a_camera_that_is_knocked_on_the_way_is_doubted_from_the_next_keyframe_on(frames, pixels):
+    module = slam()
+    for left, right in frames[:15]:
+        track(module, left, right)
+    poses = [track(module, *knocked(pixels)(left, right)) for left, right in frames[15:]]
+    kept = next(number for number, pose in enumerate(poses) if pose.is_keyframe)
+    assert State.TRACKING not in {pose.state for pose in poses[kept + 1 :]}
+
+
 def test_cameras_disagree_when_most_landmarks_have_another_distance_than_before():
     assert stereo_doubt(fix(), fix(inliers=150)) is None
     assert stereo_doubt(fix(), fix(inliers=60)) == "cameras disagree"
+    assert stereo_doubt(fix(), None) == "cameras disagree"
     assert stereo_doubt(fix(), fix(offset=trust.MOST_OFFSET + 0.1)) == "cameras disagree"
