@@ -61,7 +61,12 @@ def rows_of(folder: Path, qualities: Sequence[float]) -> Iterator[dict[str, obje
     methods: dict[str, Callable[[Path], Estimate]] = {"baseline": estimates.run_baseline}
     methods |= {f"slam, quality {each:g}": partial(estimates.run, quality=each) for each in qualities}
     for name, run in methods.items():
-        yield {"sequence": folder.name, "method": name} | figures(run(folder), folder)
+        estimate = run(folder)
+        try:
+            found = figures(estimate, folder)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{folder.name}, {name}: {error}") from error
+        yield {"sequence": folder.name, "method": name} | found
 
 
 def figures(estimate: Estimate, folder: Path) -> dict[str, object]:

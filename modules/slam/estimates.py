@@ -15,10 +15,9 @@ from modules.slam.calibration import Rectifier
 from modules.slam.geometry import quaternion
 from modules.slam.sequences import recording
 from modules.slam.slam import State, StereoSlam
-from modules.slam.task import effort, track
+from modules.slam.task import effort, picture, track
 from modules.slam.trajectory import Trajectory, trajectory
 from robotkit import MessageError, json_text
-from robotkit.readings import decoded
 
 if TYPE_CHECKING:
     import threading
@@ -115,10 +114,11 @@ def run(folder: Path, *, quality: float = 1.0, loops: bool = True) -> Estimate:
 def run_baseline(folder: Path) -> Estimate:
     """Run the baseline over a sequence."""
     sequence = recording(folder)
-    baseline = Baseline(Rectifier(sequence.rig))
+    rectifier = Rectifier(sequence.rig)
+    baseline = Baseline(rectifier)
 
     def locate(frame: StereoFrame) -> Located:
-        body = baseline.track(decoded(frame.left, gray=True), decoded(frame.right, gray=True))
+        body = baseline.track(picture(frame.left, rectifier.size), picture(frame.right, rectifier.size))
         return (State.LOST, np.eye(4), None) if body is None else (State.TRACKING, body, None)
 
     return _over(sequence, locate)

@@ -71,19 +71,20 @@ def effort(quality: float | None) -> Effort:
 
 def track(slam: StereoSlam, frame: StereoFrame) -> Pose:
     """Locate a stereo frame; MessageError if its pictures can't be read."""
-    return slam.track(_picture(frame.left, slam.size), lambda: _picture(frame.right, slam.size))
+    return slam.track(picture(frame.left, slam.size), lambda: picture(frame.right, slam.size))
+
+
+def picture(encoded: bytes, size: tuple[int, int]) -> Image:
+    """Decode a picture of the calibration's size; MessageError if it is none."""
+    image = decoded(encoded, gray=True)
+    height, width = image.shape
+    if (width, height) != size:
+        raise MessageError(
+            f"a picture of {width} x {height} pixels: expected {size[0]} x {size[1]}, as in the calibration"
+        )
+    return image
 
 
 def _rounded(covariance: Floats) -> list[float]:
     """Row by row, as ROS has it; the fourth digit of an uncertainty means nothing."""
     return [float(f"{value:.3g}") for value in covariance.ravel()]
-
-
-def _picture(encoded: bytes, size: tuple[int, int]) -> Image:
-    picture = decoded(encoded, gray=True)
-    height, width = picture.shape
-    if (width, height) != size:
-        raise MessageError(
-            f"a picture of {width} x {height} pixels: expected {size[0]} x {size[1]}, as in the calibration"
-        )
-    return picture

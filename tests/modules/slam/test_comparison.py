@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 
+import cv2
+import numpy as np
 import pytest
 
-from modules.slam import comparison
+from modules.slam import comparison, estimates
 from modules.slam.comparison import main
+from tests.modules.slam.test_kitti import write
 
 
 def test_both_methods_are_measured_on_a_sequence(short, capsys):
@@ -48,3 +51,18 @@ def test_a_folder_that_is_not_a_sequence_is_one_clear_line(tmp_path, capsys):
     assert main([str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "no EuRoC sequence" in line
+
+
+@pytest.mark.parametrize("run", [estimates.run, estimates.run_baseline])
+def test_pictures_of_another_size_count_as_broken(run, tmp_path):
+    folder = write(tmp_path)
+    for path in folder.glob("image_?/*.png"):
+        cv2.imwrite(str(path), np.zeros((40, 200), np.uint8))
+    cv2.imwrite(str(folder / "image_0/000001.png"), np.zeros((40, 180), np.uint8))
+    assert run(folder).broken == 1
+
+
+def test_a_method_that_finds_no_path_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(estimates, "run_baseline", lambda _: estimates.Estimate())
+    assert main([str(write(tmp_path / "street"))]) == 2
+    assert capsys.readouterr().err.startswith("street, baseline: 0 of 0 poses")
