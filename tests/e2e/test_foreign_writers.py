@@ -59,7 +59,7 @@ def test_a_writer_that_never_stops_wins_and_is_reported(governed):
         governed.drive(speed)
         governed.expect(slam=300, speech=10 if speed else 500)
     assert generation(governed, "slam") == reported
-    assert any("tried again every 10 min" in message for message in governed.reported("ResizedByOther"))
+    assert any("retries the plan's value every 10 min" in message for message in governed.reported("ResizedByOther"))
     delete("ctxp", "robot", governed.namespace)
     governed.expect(slam=500, speech=500)
 
