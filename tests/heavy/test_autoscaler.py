@@ -111,7 +111,7 @@ def test_cpu_autoscaler_is_reverted_until_it_persists(robot, controlled):
     )
     time.sleep(3 * autoscaler.INTERVAL)
     assert resources(robot, "slam")["requests"]["cpu"] != "10m", "it keeps what it has"
-    assert any("tried again every 10 min" in message for message in robot.reported("ResizedByOther"))
+    assert any("retries the plan's value every 10 min" in message for message in robot.reported("ResizedByOther"))
 
     delete("vpa", "slam", robot.namespace)
     delete("ctxp", "robot", robot.namespace)
