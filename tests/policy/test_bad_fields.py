@@ -203,3 +203,14 @@ def test_a_type_that_is_refused_is_quoted_as_written():
 def test_a_value_that_is_not_an_object_is_refused(body):
     with pytest.raises(PolicyError):
         parsing.parse(body)
+
+
+def test_a_selector_with_an_unknown_field_is_not_called_empty_too():
+    found = refused(tasks=[{"name": "slam", "selector": {"app": "slam"}}])
+    assert list(found) == ["spec.tasks[0].selector.app"]
+
+
+def test_a_name_that_is_declared_twice_is_offered_once():
+    found = refused(tasks=[a_task("slam"), a_task("slam")], contexts=[a_context("x", "true", tasks={"speech": {}})])
+    _, allowed = found["spec.contexts[0].tasks"]
+    assert allowed == "one of slam"

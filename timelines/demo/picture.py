@@ -44,7 +44,7 @@ def draw(recording: Recording, tasks: Sequence[str], started: float, duration: f
 
 def _strip(panel: Any, task: str, planned: Sequence[tuple[float, float]], used: Sequence[tuple[float, float]]) -> None:
     color = task_colors([task])[task]
-    panel.fill_between(*zip(*planned, strict=True), step="post", color=color, alpha=0.45, linewidth=0)
+    panel.fill_between(*zip(*planned, strict=True), step="post", color=color, alpha=0.3, linewidth=0)
     panel.step(*zip(*used, strict=True), where="post", color=color, linewidth=1.2)
     panel.set_ylabel(task, rotation=0, ha="right", va="center")
     panel.locator_params(axis="y", nbins=3, steps=[1, 2, 5, 10])

@@ -219,6 +219,10 @@ class Fields:
             known = f"one of the fields {', '.join(sorted(self._known))}{self._meant(name)}"
             self._findings.append(Finding(self.at(str(name)), self._raw[name], known, Fault.FIELD))
 
+    def is_blank(self) -> bool:
+        """Whether the user gave nothing: no value of any field, known or not."""
+        return not any(self._raw.values())
+
     def has_read(self, field: str) -> bool:
         """Whether the field is known, present or not."""
         return field in self._known

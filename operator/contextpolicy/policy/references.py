@@ -173,6 +173,6 @@ def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
 
 def _list(names: Iterable[str]) -> str:
     # A name that was refused when it was read is empty by now; its own finding has it.
-    usable = sorted(filter(None, names))
+    usable = sorted({name for name in names if name})
     more = f" and {len(usable) - MOST_NAMES} more" if len(usable) > MOST_NAMES else ""
     return "one of " + ", ".join(usable[:MOST_NAMES]) + more if usable else "none are declared"

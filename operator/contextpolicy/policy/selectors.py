@@ -79,7 +79,7 @@ def read_selector(fields: Fields) -> Selector:
         _check_label(item, "key", expressions[-1])
         item.close()
     fields.close()
-    if not labels and not expressions:
+    if fields.is_blank():
         fields.refuse("", {}, "at least one label: an empty selector would claim every pod")
     return Selector((*labels, *expressions))
 
