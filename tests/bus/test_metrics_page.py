@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import socket
+import time
 from contextlib import contextmanager
 from threading import Thread
 from urllib.request import urlopen
 
 import pytest
-from prometheus_client import REGISTRY
+from prometheus_client import REGISTRY, Metric
 
 from contextpolicy.agent.service import serve as serve_agent
+from contextpolicy.bus import http_server
 from contextpolicy.bus.metrics_page import MetricsPage, PageTurns
 from contextpolicy.bus.questions import REST
 from contextpolicy.telemetry.metrics_server import serve_metrics
@@ -29,18 +31,22 @@ def test_each_turn_is_followed_by_a_rest():
 
 
 def test_one_turn_is_taken_at_a_time():
-    turns, order = PageTurns(lambda: 0.0), []
+    turns, inside, counts = PageTurns(lambda: 0.0), [], []
 
-    def second() -> None:
-        with turns.take():
-            order.append("second")
+    def several() -> None:
+        for _ in range(50):
+            with turns.take():
+                inside.append(1)
+                time.sleep(0)  # another thread's turn to run
+                counts.append(len(inside))
+                inside.pop()
 
-    waiting = Thread(target=second)
-    with turns.take():
-        waiting.start()
-        order.append("first")
-    waiting.join(PATIENCE)
-    assert order == ["first", "second"]
+    threads = [Thread(target=several) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
+    assert counts == [1] * 200
 
 
 class Watching:
@@ -81,9 +87,30 @@ def test_a_page_is_made_in_a_turn(watching, serve):
     assert watching.pages == [True]
 
 
-def test_a_scraper_that_does_not_read_keeps_no_other_waiting():
+class Long:
+    """A collector of more than a connection holds on the way."""
+
+    def describe(self):
+        return []
+
+    def collect(self):
+        return [Metric("long", "x" * (16 << 20), "gauge")]
+
+
+@pytest.fixture
+def long():
+    collector = Long()
+    REGISTRY.register(collector)
+    yield
+    REGISTRY.unregister(collector)
+
+
+@pytest.mark.usefixtures("long")
+def test_a_scraper_that_does_not_read_keeps_no_other_waiting(monkeypatch):
+    monkeypatch.setattr(http_server, "PATIENCE", 2 * PATIENCE)  # it is not given up meanwhile
     port = serve_metrics(0)
     with socket.create_connection(("127.0.0.1", port)) as deaf:
         deaf.sendall(b"GET /metrics HTTP/1.1\r\n\r\n")
+        assert deaf.recv(1) == b"H"
         with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=PATIENCE) as page:
             assert page.status == 200

@@ -42,7 +42,7 @@ def test_ordinary_values_are_as_they_are(value):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[" * DEEP, '"', "]", '["\\', "[" * DEEP + "]" * (DEEP - 1)])
-def test_what_is_no_json_is_an_error(text):
+def test_malformed_json_is_an_error(text):
     for read in (loads, loads_shallow):
         with pytest.raises(json.JSONDecodeError):
             read(text)

@@ -160,7 +160,7 @@ def test_agent_exits_if_the_lock_stays_held(start, tmp_path):
     assert state.take_now()
     process = start(program=IMPATIENT)
     _, said = process.communicate(timeout=PATIENCE)
-    assert "has held the lock for 0.1 s" in said
+    assert "agent.lock: another agent, or a supervisor that undoes, has held the lock for 0.1 s" in said
     assert process.returncode == 1
 
 

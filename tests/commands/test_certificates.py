@@ -213,7 +213,7 @@ class _Opened:
         ((), "no operator found"),
         ((pod(""),), "the bus is open"),
         ((pod("mine"),), r"your own \(Secret system/mine\)"),
-        ((pod(), pod(namespace="canary")), "several releases run here: choose the namespace of one with -n: canary"),
+        ((pod(), pod(namespace="canary")), "choose the namespace of one with -n: canary, system$"),
         ((pod("gone-bus-operator"),), "Secret system/gone-bus-sensor can't be read: no Secret"),
         ((pod(),), "Secret system/ctxp-bus-sensor is empty: the Job"),
     ],

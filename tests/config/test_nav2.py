@@ -46,7 +46,7 @@ def test_what_a_lifecycle_manager_watches_is_protected_and_has_cpu_for_its_heart
 
 
 @pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
-def test_no_task_waits_for_a_suspended_server(path):
+def test_no_watched_server_is_expected_to_be_suspended(path):
     watched = managed(loaded(path))
     for expected in loaded(CONFIG / "expectations" / path.name):
         assert not watched & set(expected.get("suspended", ())), expected

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import builtins
 import json
-from contextlib import suppress
 from typing import TYPE_CHECKING, cast
 
 import pytest
@@ -147,7 +146,12 @@ def test_nothing_of_a_loaded_policy_is_compiled_on_the_loop(monkeypatch):
     loaded = load(spec, cast("PolicyApi", FakeCluster()), Tenants())
     assert loaded.policy is not None, loaded.rejected
     compiled: list[str] = []
-    monkeypatch.setattr(cel.Expression, "__init__", lambda _, source: compiled.append(source))
-    with suppress(AttributeError):
-        Planner(loaded.policy, Quiet(), {})
+    compile_now = cel.Expression.__init__
+
+    def noted(expression: cel.Expression, source: str) -> None:
+        compiled.append(source)
+        compile_now(expression, source)
+
+    monkeypatch.setattr(cel.Expression, "__init__", noted)
+    Planner(loaded.policy, Quiet(), {})
     assert compiled == []

@@ -14,6 +14,13 @@ from contextpolicy.planning.conditions.scope import Scope
 from contextpolicy.planning.conditions.unknown_numbers import MAX_TRIALS, trials
 
 
+def noting(reported: list[str]) -> SimpleNamespace:
+    """A listener that appends each error and each recovery."""
+    return SimpleNamespace(
+        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
+    )
+
+
 @pytest.mark.parametrize(
     ("source", "truth"),
     [
@@ -39,11 +46,8 @@ from contextpolicy.planning.conditions.unknown_numbers import MAX_TRIALS, trials
 )
 def test_nan_and_infinity_compare_without_an_error(source, truth):
     reported: list[str] = []
-    listener = SimpleNamespace(
-        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
-    )
     scope = Scope()
-    guarded, unknown = Guarded(scope.compile(source), scope, listener), scope.compile("scan.near != scan.near")
+    guarded, unknown = Guarded(scope.compile(source), scope, noting(reported)), scope.compile("scan.near != scan.near")
     scope.bind("scan", {"near": math.nan, "far": math.inf, "ranges": [math.nan, math.inf, 0.5]})
     assert (guarded.truth(0.0), reported) == (truth, [])
     assert unknown.truth(scope), "the sample itself is as it was"
@@ -69,11 +73,8 @@ def test_nan_and_infinity_compare_without_an_error(source, truth):
 )
 def test_each_nan_is_unknown_independently(source, truth):
     reported: list[str] = []
-    listener = SimpleNamespace(
-        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
-    )
     scope = Scope()
-    guarded = Guarded(scope.compile(source), scope, listener)
+    guarded = Guarded(scope.compile(source), scope, noting(reported))
     scope.bind("scan", {"left": math.nan, "right": math.nan, "ranges": [math.nan, math.nan, 0.5]})
     scope.bind("imu", {"x": math.nan})
     assert (guarded.truth(0.0), reported) == (truth, [])
@@ -100,11 +101,8 @@ THRESHOLDS = " || ".join(["r <= 1.0", "r > 1.0", *(f"r == 1.{digit}" for digit i
 def test_conditions_on_many_unknown_numbers_have_bounded_cost(source, count):
     """The worst found is some 0.2 s of CPU; unbounded, it is 7 s."""
     reported: list[str] = []
-    listener = SimpleNamespace(
-        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
-    )
     scope = Scope()
-    guarded = Guarded(scope.compile(source), scope, listener)
+    guarded = Guarded(scope.compile(source), scope, noting(reported))
     scope.bind("scan", {"ranges": [math.nan] * (count - 1) + [0.1]})
     begin = time.thread_time()
     truth = guarded.truth(0.0)
@@ -114,11 +112,8 @@ def test_conditions_on_many_unknown_numbers_have_bounded_cost(source, count):
 
 def test_numbers_that_are_too_many_to_be_tried_are_reported():
     reported: list[str] = []
-    listener = SimpleNamespace(
-        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
-    )
     scope = Scope()
-    guarded = Guarded(scope.compile(f"scan.ranges.all(r, {THRESHOLDS})"), scope, listener)
+    guarded = Guarded(scope.compile(f"scan.ranges.all(r, {THRESHOLDS})"), scope, noting(reported))
     scope.bind("scan", {"ranges": [math.nan] * 5000})
     assert not guarded.truth(0.0)
     assert reported == ["reads a NaN among 5002 values, allowed for the numbers it compares them with: 1524"]
@@ -126,11 +121,8 @@ def test_numbers_that_are_too_many_to_be_tried_are_reported():
 
 def test_a_real_error_is_reported_despite_nan():
     reported: list[str] = []
-    listener = SimpleNamespace(
-        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
-    )
     scope = Scope()
-    guarded = Guarded(scope.compile("scan.nearest < 1.0"), scope, listener)
+    guarded = Guarded(scope.compile("scan.nearest < 1.0"), scope, noting(reported))
     scope.bind("scan", {"near": math.nan})
     assert not guarded.truth(0.0)
     assert reported == ["the sample has no field 'nearest'"]

@@ -337,7 +337,7 @@ def test_preparation_goes_on_where_no_time_was_left(tmp_path):
     assert len(bench.done) == 16 + 8 + 4 + 4  # none of them twice
 
 
-def test_a_call_that_ends_during_preparation_is_no_failure(monkeypatch, tmp_path, capsys):
+def test_a_call_that_ends_during_preparation_is_not_a_failure(monkeypatch, tmp_path, capsys):
     def end(*_):
         raise OutOfTimeError
 

@@ -30,7 +30,7 @@ def checkout(tmp_path):
     return tmp_path
 
 
-def test_data_and_documents_are_no_code(checkout):
+def test_data_and_documents_are_not_code(checkout):
     before = code_version(checkout)
     assert before == git(checkout, "log", "-1", "--format=%h").strip()
     write(checkout, "timelines/results/data/frozen.json", "{}")
@@ -50,5 +50,5 @@ def test_what_is_not_committed_shows(checkout):
     assert code_version(checkout) == f"{clean} and changes"
 
 
-def test_without_history_nobody_knows(tmp_path):
+def test_without_history_the_code_is_unknown(tmp_path):
     assert code_version(tmp_path / "nowhere") == UNKNOWN

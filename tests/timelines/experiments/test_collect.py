@@ -73,7 +73,7 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
     assert kept.columns["slam"]["stereo"].fates == "dssd"
 
 
-def test_a_run_whose_log_is_not_whole_is_none(run):
+def test_a_run_with_an_incomplete_log_is_rejected(run):
     run.counted = {"slam": {"stereo": 3}}
     with pytest.raises(DeployError, match="2 inputs of slam were heard of as done, 3 were done"):
         record(TRIAL, run, SCHEDULE, {})
@@ -87,14 +87,14 @@ def test_a_suspension_that_one_plan_after_the_other_has_is_one(run):
     assert found == [(1, 3), (4, float("inf"))]
 
 
-def test_a_run_without_a_plan_of_its_policy_is_none(run):
+def test_a_run_without_a_plan_of_its_policy_is_rejected(run):
     run.plans = []
     with pytest.raises(DeployError, match="no plan was heard"):
         record(TRIAL, run, SCHEDULE, {})
     assert record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {}).plans == []
 
 
-def test_a_run_whose_modules_did_not_pause_is_none(run):
+def test_a_run_whose_modules_did_not_pause_is_rejected(run):
     run.plans = [plan(1, 0, "slam")]
     times = [n / 20 for n in range(80)]
     run.published = {STEREO: [at(one) for one in times]}
