@@ -57,7 +57,7 @@ class Bindings(Protocol):
         """How many values expressions see of the stream."""
 
     def copied(self, paths: Mapping[tuple[str, ...], int]) -> int:
-        """How many values the library copies to read each of these paths so many times."""
+        """How many values the library copies if it reads the list or map at each of these paths so many times."""
 
     def lacks(self, stream: str, feature: str) -> bool:
         """Whether the stream has this feature, but its window holds no sample."""
