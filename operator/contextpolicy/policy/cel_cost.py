@@ -84,10 +84,10 @@ def size(value: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """How much an expression may read: `work` is its cost's power of that, times its `macros` and patterns.
+    """How much an expression may read, by four costs: copies outside loops, patterns, loops, and copies in loops.
 
-    `depth` is that of the loops over samples in which it names any; `handed_on` is how often it selects from something
-    else in loops.
+    Reading n values takes its `macros` at most n ** `work` steps each. `depth` is how many loops over samples are
+    around a place that names one; `handed_on` is how often it selects from anything else in loops, such as an element.
     """
 
     work: int
