@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 APART = dt.timedelta(hours=2)
-"""Between a block's first run and its last: it was interrupted, and is none of a single day any more."""
+"""Between a block's first run and its last: beyond this it was interrupted."""
 
 
 def calibrated(frozen: Mapping[str, Any]) -> str:
