@@ -123,7 +123,7 @@ def _hit(runs: Sequence[Run], task: str) -> float:
 
 
 def doubts(evidence: Evidence) -> str:
-    """A line for whatever of the runs somebody could object to. Empty without any."""
+    """A line for each reason to doubt the runs. Empty without any."""
     every = [one for blocks in evidence.runs.values() for one in blocks.values()]
     return "".join((*_given_up(every), *_begun_again(every), *_mixed(every)))
 
