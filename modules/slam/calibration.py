@@ -149,7 +149,10 @@ def _rectification(left: Camera, right: Camera, right_from_left: Floats) -> tupl
 
 
 def _maps(camera: Camera, turn: Floats, projection: Floats) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """Where each pixel is from, and by what parts of a pixel beside that; None if all stay where they are."""
+    """Which pixel each one is taken from, and the fraction of a pixel beside it; None if all stay where they are.
+
+    Pictures that are rectified already are then not resampled, which costs time.
+    """
     undistort = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
     first, second = undistort(camera.matrix, camera.distortion, turn, projection, camera.size, cv2.CV_16SC2)
     stay = np.dstack(np.meshgrid(np.arange(camera.size[0]), np.arange(camera.size[1])))

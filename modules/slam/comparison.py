@@ -26,9 +26,10 @@ from modules.slam.trajectory_error import statistics
 from robotkit import ConfigurationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from modules.slam.estimates import Estimate
+    from modules.slam.trajectory import Trajectory
 
 QUALITIES = (1.0, 0.5, 0.3)
 HEAD = (
@@ -45,33 +46,38 @@ HEAD = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; exit code 2 for a folder that is no sequence with ground truth."""
+    """Print the table of all that could be measured; exit code 2, and a line for each, if something could not."""
     options = _parser().parse_args(arguments)
-    try:
-        rows = [row for folder in options.folders for row in rows_of(folder, options.qualities)]
-    except ConfigurationError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    sys.stdout.write(json.dumps(rows, indent=2) + "\n" if options.output == "json" else as_table(rows))
-    return 0
+    rows: list[dict[str, object]] = []
+    problems: list[str] = []
+    for folder in options.folders:
+        try:
+            rows += rows_of(folder, options.qualities, problems)
+        except ConfigurationError as error:
+            problems.append(str(error))
+    sys.stderr.writelines(f"{problem}\n" for problem in problems)
+    if rows:
+        sys.stdout.write(json.dumps(rows, indent=2) + "\n" if options.output == "json" else as_table(rows))
+    return 2 if problems else 0
 
 
-def rows_of(folder: Path, qualities: Sequence[float]) -> Iterator[dict[str, object]]:
-    """The figures of each method on a sequence."""
+def rows_of(folder: Path, qualities: Sequence[float], problems: list[str]) -> list[dict[str, object]]:
+    """The figures of each method on a sequence; a method whose poses can't be measured is added to the problems."""
     methods: dict[str, Callable[[Path], Estimate]] = {"baseline": estimates.run_baseline}
     methods |= {f"slam, quality {each:g}": partial(estimates.run, quality=each) for each in qualities}
+    truth, rows = load(folder), []
     for name, run in methods.items():
         estimate = run(folder)
         try:
-            found = figures(estimate, folder)
+            rows.append({"sequence": folder.name, "method": name} | figures(estimate, truth))
         except ConfigurationError as error:
-            raise ConfigurationError(f"{folder.name}, {name}: {error}") from error
-        yield {"sequence": folder.name, "method": name} | found
+            problems.append(f"{folder.name}, {name}: {error}")
+    return rows
 
 
-def figures(estimate: Estimate, folder: Path) -> dict[str, object]:
+def figures(estimate: Estimate, truth: Trajectory) -> dict[str, object]:
     """Metres, parts of 1, and milliseconds."""
-    report = evaluate(estimate.trajectory, load(folder))
+    report = evaluate(estimate.trajectory, truth)
     path, deviation = report["path"], estimate.deviation
     times = statistics(np.array(estimate.cpu) * 1e3)
     return {

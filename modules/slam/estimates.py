@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from robotkit.stereo import StereoFrame
 
     Located: TypeAlias = tuple[State, Floats, Floats | None]
-    """The body's pose, and its covariance where one is said."""
+    """The body's pose, and its covariance where there is one."""
 
 POSE_KEY = "robot/slam/pose"
 
@@ -50,7 +50,7 @@ class Estimate:
     cpu: list[float] = field(default_factory=list)
     """Seconds of CPU for each frame."""
     deviation: float | None = None
-    """Standard deviation in metres of the last pose's place, in its worst direction; None where none is said."""
+    """Standard deviation in metres of the last pose, in its worst direction; None where no covariance comes with it."""
 
     @property
     def frames(self) -> int:
@@ -79,10 +79,11 @@ class Estimate:
         else:
             self.add(state, stamp, values)
 
-    def add(self, state: State, stamp: int, values: list[float]) -> None:
+    def add(self, state: State, stamp: int, values: list[float], deviation: float | None = None) -> None:
         """Take a pose (position, quaternion x, y, z, w) if the module knows it, else count it."""
         if state in (State.TRACKING, State.DEGRADED):
             self.poses.append((stamp, values))
+            self.deviation = deviation
         self.degraded += state is State.DEGRADED
         self.lost += state is State.LOST
         self.adrift += state is State.ADRIFT
@@ -140,6 +141,6 @@ def _over(sequence: Recording, locate: Callable[[StereoFrame], Located]) -> Esti
             estimate.broken += 1
             continue
         estimate.cpu.append(time.process_time() - before)
-        estimate.deviation = _deviation(covariance)
-        estimate.add(state, frame.stamp, [*body[:3, 3].tolist(), *quaternion(body[:3, :3])])
+        values = [*body[:3, 3].tolist(), *quaternion(body[:3, :3])]
+        estimate.add(state, frame.stamp, values, _deviation(covariance))
     return estimate

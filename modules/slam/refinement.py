@@ -43,7 +43,10 @@ class Offset:
 
 
 def turn_shifts(matrix: Floats, pixels: Floats) -> Floats:
-    """How many times as far as in the picture's middle a sideways turn of the camera shifts what is seen there."""
+    """How many times as far as in the picture's middle a sideways turn of the camera shifts what is seen there.
+
+    Columns are focal * tan(angle), whose derivative is focal * (1 + tan(angle)^2).
+    """
     shifts: Floats = 1 + ((pixels[:, 0] - matrix[0, 2]) / matrix[0, 0]) ** 2
     return shifts
 

@@ -136,6 +136,11 @@ class ActuationError(ContextPolicyError):
         super().__init__(message)
 
 
+def unreadable(error: OSError | UnicodeError) -> str:
+    """What a message says of a file that can't be read, after its path."""
+    return f"cannot read file: {error.strerror if isinstance(error, OSError) else error}"
+
+
 def unexpected(error: Exception) -> ActuationError:
     """Wrap an unforeseen exception, so that it is reported and retried like any other failure."""
     return ActuationError("Unexpected", f"{type(error).__name__}: {error}", retriable=True, in_doubt=True)

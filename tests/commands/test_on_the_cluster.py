@@ -143,7 +143,7 @@ def test_the_mode(cluster, capsys, command, mode):
 def test_a_mode_already_set_is_not_patched(cluster, capsys):
     assert cli.main(["resume", "lab/robot"]) == 0
     assert cluster.patches == []
-    assert capsys.readouterr().out == "robot: already Enforce\n"
+    assert capsys.readouterr().out == "lab/robot: already Enforce\n"
 
 
 def test_a_policy_that_is_not_there(cluster, capsys):

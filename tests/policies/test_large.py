@@ -116,3 +116,9 @@ def test_an_invalid_policy_is_refused_with_few_words():
             parse(body)
         assert 80 <= len(caught.value.findings) <= MOST_FINDINGS
         assert len(str(caught.value)) < 300_000
+
+
+def test_a_policy_with_many_unknown_fields_is_refused_with_few_words():
+    with pytest.raises(PolicyError) as caught:
+        parse(a_policy(**{f"unknown{number}": 1 for number in range(2 * MOST_FINDINGS)}))
+    assert len(caught.value.findings) == MOST_FINDINGS

@@ -108,7 +108,7 @@ def _able(campaign: Campaign, chosen: Sequence[Trial], found: Mapping[str, Setti
 
 
 def _prepare(preparation: Preparation, frozen: dict[str, Any], data: Path, kept: Callable[[str], None]) -> None:
-    """Find out what is missing, and keep each finding at once; `kept` hears what it was."""
+    """Find out what is missing, and keep each finding at once; `kept` is called with its name."""
     if "loads" not in frozen:
         frozen |= preparation.calibrated()
         write_frozen(data, frozen)

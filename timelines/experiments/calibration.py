@@ -30,7 +30,8 @@ ROOM = 0.85
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
 no division can keep a goal, and nothing is learned from a miss; and beside others an input takes a tenth more CPU."""
 NEARLY_ALL = 0.9
-"""Part of a context's stretches of two seconds: of what comes 1.5 times a second one second has one, the next two."""
+"""Part of a context's stretches of two seconds that want no more than what counts as its need. Two seconds, since of
+what comes 1.5 times a second one second has one and the next has two."""
 FAIR = 0.98
 """What a task has to hit alone for its deadline to be fair."""
 LONGER = 2
@@ -43,7 +44,7 @@ def demand(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _wanted(run: Run, task: str) -> float:
-    """What it used, without the rest of the time, in which the others' inputs came, and with all that it had to do."""
+    """Cores while its inputs came: less what it used at rest while the others' came, plus what it did not get to."""
     length, about, ended = run.schedule.duration, run.record.about, run.ended(task)
     done = [one.cpu for one in ended if one.cpu is not None]
     left_out = math.fsum(done) * (len(ended) / len(done) - 1) if done else 0.0
@@ -52,7 +53,7 @@ def _wanted(run: Run, task: str) -> float:
 
 
 def _resting(used: Sequence[int]) -> float:
-    """Cores of a task that nobody asks anything, as in most of the seconds of such a run."""
+    """Cores of a task for which no inputs come, as in most of the seconds of such a run."""
     return median(after - before for before, after in pairwise(used)) / 1000
 
 

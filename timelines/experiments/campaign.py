@@ -86,7 +86,8 @@ class Campaign:
     def _next(self, missing: Sequence[Trial], number: int) -> list[Trial]:
         """What has to end in time for this run to begin: itself, and all of its block where that is not begun yet.
 
-        What differs within a block should be the configuration, and not the day. A call's first run begins in any case.
+        What differs within a block should be the configuration, and not the day. The first run of a call only has to
+        end itself: its block may have begun in an earlier call.
         """
         rest = [trial for trial in missing[number:] if trial.group == missing[number].group]
         begun = not number or missing[number - 1].group == missing[number].group

@@ -1,4 +1,4 @@
-"""Which code a run is of."""
+"""Which version of the code a run is of."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CODE = (
 
 
 def code_version(repository: Path) -> str:
-    """The last commit that changed the code, with a word where something is not committed."""
+    """The last commit that changed the code, such as `1a2b3c4`, or `1a2b3c4 and changes` if some are not committed."""
     commit = _git(repository, "log", "-1", "--format=%h", "--", *CODE)
     changes = _git(repository, "status", "--porcelain", "--", *CODE)
     return f"{commit or UNKNOWN}{' and changes' if commit and changes else ''}"

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 FRAMES = "robot/camera/stereo"
 HEEDED = 0.5
-"""Seconds after which a suspended module has heard that it is, and has ended what it had in hand."""
+"""Seconds after which a suspended module has received the plan, and finished the input that it was working on."""
 FEW = 10
-"""Inputs of which a part says nothing."""
+"""Inputs that are too few to judge by which part of them was done."""
 
 
 def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, Accuracy]) -> Record:
@@ -56,9 +56,9 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
 
 
 def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
-    """DeployError where gating or contexts were only on paper: the run would count as something that it was not."""
+    """DeployError where gating or contexts had no effect: the run would count for a configuration that it was not."""
     if (trial.configuration.gated or trial.configuration.contextual) and not run.plans:
-        raise DeployError(f"{trial}: no plan was heard")
+        raise DeployError(f"{trial}: no plan was received")
     for task, own in schedule.inputs.items():
         away = [(begin + HEEDED, end) for begin, end in run.away(task)]
         for name, key in own.items():
@@ -69,12 +69,12 @@ def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
 
 
 def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:
-    """DeployError if inputs were done of which the recording does not know: they would count as lost."""
+    """DeployError if the recording lacks inputs that were done: they would count as lost."""
     for task, own in schedule.inputs.items() if run.about["about"]["drained"] else ():
         for name in own:
             heard, done = len(run.done[task, name]), run.counted.get(task, {}).get(name, 0)
             if heard < done:
-                raise DeployError(f"{trial}: {heard} inputs of {task} were heard of as done, {done} were done")
+                raise DeployError(f"{trial}: the recording has {heard} inputs of {task} as done: expected {done}")
 
 
 def _column(run: RunData, schedule: Schedule, task: str, name: str) -> Column:

@@ -1,7 +1,7 @@
 """Where a machine's CPU went during a run, by the kernel's exact counters.
 
-/proc/stat would not do: it counts who runs at a tick of the clock, and what takes turns with the ticks, as the threads
-do that slow processors, is in it far too often or never.
+/proc/stat would not do: it counts what runs at each tick of the clock. Threads that run in step with the ticks, as
+those do that slow the processors, would be counted far too often or never.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ MACHINE, SLOWING = "machine", "slowing"
 def machine_seconds(root: Path = ROOT) -> float:
     """CPU seconds of all threads so far.
 
-    Under cgroup v2 those of all groups, since the root itself counts ticks there: the kernel's own threads, which are
-    in no group, are not in it.
+    Under cgroup v2 the sum of all top groups, since the root itself counts ticks there: without the kernel's own
+    threads, which are in no group.
     """
     whole = root / "cpuacct" / "cpuacct.usage"
     if whole.exists():
@@ -37,7 +37,7 @@ def _usage(statistics: str) -> float:
 class Account:
     """What was spent while its `with` block ran, in seconds: by the whole `machine`, and by parts of it.
 
-    The machine is looked at first and last, so that its time has all of its parts': what is left is never negative.
+    The machine's counter is read first and last, so that it covers the time of all parts, and the rest is not negative.
     """
 
     def __init__(self, machine: Callable[[], float], parts: Mapping[str, Callable[[], float]]) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 APART = dt.timedelta(hours=2)
-"""Between a block's first run and its last: it was interrupted, and is none of a single day any more."""
+"""Between a block's first run and its last: beyond this it was interrupted."""
 
 
 def calibrated(frozen: Mapping[str, Any]) -> str:
@@ -123,7 +123,7 @@ def _hit(runs: Sequence[Run], task: str) -> float:
 
 
 def doubts(evidence: Evidence) -> str:
-    """A line for whatever of the runs somebody could object to. Empty without any."""
+    """A line for each reason to doubt the runs. Empty without any."""
     every = [one for blocks in evidence.runs.values() for one in blocks.values()]
     return "".join((*_given_up(every), *_begun_again(every), *_mixed(every)))
 

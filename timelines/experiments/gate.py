@@ -16,10 +16,8 @@ if TYPE_CHECKING:
 
 KEY = "experiments/robot/gate/plan"
 """Where the modules listen instead of the decision bus (robotkit's PLAN_KEY)."""
-
-
 EVERYTHING = 1000.0
-"""Cores: a share that is none, so that modules that adapt don't take for a bound what nobody enforces."""
+"""Cores: more than any module can use, so that none adapts its quality to a share that is not enforced."""
 
 
 def enforced(payload: bytes) -> bytes:

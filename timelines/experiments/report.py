@@ -113,14 +113,14 @@ def _machine(evidence: Evidence) -> str:
 
 
 def _capacity(every: Sequence[Record], load: str, processors: int, part: float) -> str:
-    """What the tasks should share, and what what slows the processors really left of each, by its own clock."""
+    """What the tasks should share, and the part of each processor that the slowing threads really left."""
     own = [one.about for one in every if one.load == load]
     left = [1 - about["cpu"][SLOWING] / (processors * about["seconds"]) for about in own]
     return f"{Capacity(processors, part)}{f' (measured: {fmean(left):.3f})' if left else ''}"
 
 
 def _code(every: Sequence[Record]) -> str:
-    """Whose runs these are; several commits with how many runs each has."""
+    """The commit that ran; where there are several, with how many runs each has."""
     counts = Counter(str(one.about["code"]) for one in every)
     if len(counts) == 1:
         return f"Code: commit {next(iter(counts))}."

@@ -54,7 +54,7 @@ BACKLOG = 2
 class Conditions:
     """What a run happens under: its timeline and recordings, and what the tasks share.
 
-    `weights` are the searched ones, for a configuration that has static weights. `code` is whose run it is.
+    `weights` are the searched ones, for a configuration that has static weights. `code` is the commit that runs.
     """
 
     timeline: Path

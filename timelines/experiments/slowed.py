@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 PERIOD = 0.002
 HEADROOM = 0.9
 """The kernel stops realtime threads that take more than 95 % of each second."""
-
-
 OFF = 0.1
 """Part of what they should take by which thieves may be off: a load of 1.4 is then one of 1.3 to 1.6."""
 

@@ -29,7 +29,7 @@ class Judged(NamedTuple):
 class Verdict(NamedTuple):
     """A goal with its cases, and the probability of the least sure one, corrected for the number of goals.
 
-    `enough` is whether there are so many blocks that they can decide: if all agree, that is no accident.
+    `enough` is whether there are enough blocks to decide: that they all agree would then be significant.
     """
 
     goal: Goal

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from contextpolicy.errors import Fault, Finding, FindingsError
+from contextpolicy.errors import Fault, Finding, FindingsError, unreadable
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.validation.documents import DocumentError, read
 from modules.speech.synthesis import VOICES
@@ -114,8 +114,7 @@ def load(path: Path) -> Scenario:
     try:
         documents = list(read(path.read_text(encoding="utf-8")))
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ScenarioError(str(path), (Finding("", None, f"cannot read file: {reason}", Fault.FILE),)) from error
+        raise ScenarioError(str(path), (Finding("", None, unreadable(error), Fault.FILE),)) from error
     except DocumentError as error:
         raise ScenarioError(f"{path}:{error.position.line}", (Finding("", None, str(error), Fault.FILE),)) from error
     if len(documents) != 1:

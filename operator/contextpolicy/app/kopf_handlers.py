@@ -47,7 +47,7 @@ class Digests(kopf.AnnotationsDiffBaseStorage):
         return kopf.BodyEssence(spec={"digest": hashlib.sha256(text.encode()).hexdigest()})
 
     def fetch(self, *, body: kopf.Body) -> kopf.BodyEssence | None:
-        """None where somebody else wrote the annotation: kopf fails on what it can't read, and serves that no more."""
+        """None where the annotation is not kopf's: kopf would fail on it, and never serve the policy again."""
         with suppress(ValueError, RecursionError):
             found = super().fetch(body=body)
             return found if isinstance(found, dict) else None
@@ -55,10 +55,10 @@ class Digests(kopf.AnnotationsDiffBaseStorage):
 
 
 class Progress(kopf.AnnotationsProgressStorage):
-    """What kopf has begun with a policy, which anybody who may edit the policy can write."""
+    """What kopf has begun with a policy: in annotations, which anyone who may edit the policy can write."""
 
     def fetch(self, *, key: Any, body: kopf.Body) -> Any:
-        """None where somebody else wrote it."""
+        """None where the annotation is not kopf's."""
         with suppress(ValueError, TypeError, AttributeError, RecursionError):
             found = super().fetch(key=key, body=body)
             return found if found is None or _is_progress(found) else None
@@ -67,8 +67,8 @@ class Progress(kopf.AnnotationsProgressStorage):
 
 def _is_progress(found: Mapping[str, Any]) -> bool:
     """Whether kopf can go on with it; ValueError, TypeError and AttributeError mean that it can't."""
-    for moment in ("started", "stopped", "delayed"):
-        datetime.fromisoformat(found.get(moment) or "2026-01-01T00:00:00")
+    for moment in filter(None, map(found.get, ("started", "stopped", "delayed"))):
+        datetime.fromisoformat(moment)
     texts = [*(found.get("subrefs") or ()), found.get("purpose") or "", found.get("message") or ""]
     return isinstance(found.get("retries", 0), int) and all(isinstance(text, str) for text in texts)
 

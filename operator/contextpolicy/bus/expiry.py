@@ -19,9 +19,9 @@ def end(pem: bytes) -> datetime | None:
 
 
 def end_of_use(files: Mapping[str, bytes]) -> datetime | None:
-    """When a component's files are of no use any more; None when that can't be read.
+    """When a component can no longer connect; None when that can't be read.
 
-    That is when its certificate ends, or the last of the authorities that it trusts.
+    That is when its own certificate expires, or the last of the authorities that it trusts.
     """
     own, last = end(files.get(CERTIFICATE, b"")), max(_ends(files.get(CA, b"")), default=None)
     if CA not in files:

@@ -53,7 +53,6 @@ def main(arguments: argparse.Namespace) -> int:
         before = body["spec"].get("mode", "Enforce")
         if before != arguments.mode:
             api.change_policy(namespace, name, {"mode": arguments.mode})
-    print(
-        f"{namespace}/{name}: {before} -> {arguments.mode}" if before != arguments.mode else f"{name}: already {before}"
-    )
+    done = f"{before} -> {arguments.mode}" if before != arguments.mode else f"already {before}"
+    print(f"{namespace}/{name}: {done}")
     return OK if carried_out(service, namespace) else NO

@@ -220,14 +220,13 @@ def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None
 
 
 def _expected(path: str, policy: Policy) -> Any:
-    from contextpolicy.errors import Fault, Finding
+    from contextpolicy.errors import Fault, Finding, unreadable
     from contextpolicy.simulation.expectations import ExpectationError, parse
 
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ExpectationError(path, (Finding("", None, f"cannot read file: {reason}", Fault.FILE),)) from error
+        raise ExpectationError(path, (Finding("", None, unreadable(error), Fault.FILE),)) from error
     return parse(text, policy, subject=path)
 
 

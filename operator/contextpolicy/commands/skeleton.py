@@ -31,6 +31,7 @@ def add(subparsers: Any) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Read all modules; print the policy, or everything that is wrong with them."""
+    from contextpolicy.errors import unreadable
     from contextpolicy.policy.module_file import ModuleFileError
     from contextpolicy.policy.skeleton import skeleton
 
@@ -43,8 +44,7 @@ def main(arguments: argparse.Namespace) -> int:
         except ModuleFileError as error:
             refused.append(str(error))
         except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            print(f"{path}: cannot read file: {reason}", file=sys.stderr)
+            print(f"{path}: {unreadable(error)}", file=sys.stderr)
             return 2
     if refused:
         print("\n".join(refused), file=sys.stderr)

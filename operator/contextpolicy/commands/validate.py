@@ -62,19 +62,19 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _texts(names: list[str]) -> tuple[list[tuple[str, str]], list[Problem]]:
     """Name and text of each file, and a problem for each that can't be read: the others are checked all the same."""
+    from contextpolicy.errors import unreadable
     from contextpolicy.policy.validation.documents import WHOLE_FILE, text_of
     from contextpolicy.policy.validation.problem import Problem
 
-    texts, unreadable = [], []
+    texts, problems = [], []
     for path in _paths(names):
         name = "<stdin>" if path is None else str(path)
         try:
             with nullcontext(sys.stdin) if path is None else path.open(encoding="utf-8") as file:
                 texts.append((name, text_of(file)))
         except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            unreadable.append(Problem(name, WHOLE_FILE, f"cannot read file: {reason}"))
-    return texts, unreadable
+            problems.append(Problem(name, WHOLE_FILE, unreadable(error)))
+    return texts, problems
 
 
 def _paths(names: list[str]) -> Iterator[Path | None]:

@@ -58,7 +58,7 @@ class Shadows:
             decided=original.runner.planner.last if original.runner and rival is not entry else None,
             misses={task: (trial.probation.before(task), trial.probation.since(task)) for task in tasks if trial},
             reverted=entry.reverted,
-            is_back=is_back(entry),
+            is_reverted=is_reverted(entry),
             rival=reference_of(rival.body) if rival is not None and rival is not entry and wants(entry) else "",
         )
 
@@ -71,9 +71,9 @@ def shadow_of(entry: PolicyEntry) -> Shadow | None:
 def wants(entry: PolicyEntry) -> bool:
     """Whether a user has promoted it, and the operator has not reverted that."""
     policy = entry.good.policy if entry.good is not None else None
-    return policy is not None and policy.mode.acts and not is_back(entry)
+    return policy is not None and policy.mode.acts and not is_reverted(entry)
 
 
-def is_back(entry: PolicyEntry) -> bool:
+def is_reverted(entry: PolicyEntry) -> bool:
     """Whether the operator has reverted the promotion of this version."""
     return entry.reverted is not None and entry.reverted.get("generation") == entry.generation

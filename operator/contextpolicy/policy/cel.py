@@ -57,7 +57,7 @@ class Bindings(Protocol):
         """How many values expressions see of the stream."""
 
     def copied(self, paths: Mapping[tuple[str, ...], int]) -> int:
-        """How many values the library copies to read each of these paths so many times."""
+        """How many values the library copies if it reads the list or map at each of these paths so many times."""
 
     def lacks(self, stream: str, feature: str) -> bool:
         """Whether the stream has this feature, but its window holds no sample."""
@@ -158,9 +158,10 @@ _SHARED: WeakValueDictionary[str, Expression] = WeakValueDictionary()
 
 
 def shared(source: str) -> Expression:
-    """The expression of a source: one that is in use already, since it has no state, or else a new one.
+    """The expression of a source: one that is in use already, as it has no state, or else a new one.
 
-    Compiling 1000 characters takes 10 ms. The policy's loader does that, so that the loop finds it done.
+    Compiling 1000 characters takes 10 ms. The policy's loader does that on its thread and keeps them, so that the loop
+    does not have to. References are weak, so that expressions of policies that are gone are freed.
     """
     found = _SHARED.get(source)
     if found is None:

@@ -27,6 +27,8 @@ LEAST_SIZE = 8
 """An expression that can't read a sample of this many values within the budget is refused."""
 COPIES = 16
 """Values that are copied in the time of a step."""
+ANY_SAMPLE = BUDGET * COPIES // 10_000
+"""So many accesses may copy the largest sample, of 10,000 values, within the budget."""
 MAX_SUMS = 16
 """Plus signs: each copies the texts and lists on its left."""
 
@@ -39,7 +41,7 @@ Path = tuple[str, ...]
 class Reading:
     """`reads` are paths such as (imu, gyro): what the expression can see of each stream.
 
-    `repeated` says how often it reads one for each element of a sample's list.
+    `repeated` are the lists and maps that it names in loops, by path, and how often it does for each element.
     """
 
     reads: frozenset[Path]
@@ -82,10 +84,10 @@ def size(value: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """How much an expression may read: `work` is its cost's power of that, times its `macros` and patterns.
+    """How much an expression may read, by four costs: copies outside loops, patterns, loops, and copies in loops.
 
-    `depth` is that of the loops over samples in which it names any; `handed_on` is how often it selects from something
-    else in loops.
+    Reading n values takes its `macros` at most n ** `work` steps each. `depth` is how many loops over samples are
+    around a place that names one; `handed_on` is how often it selects from anything else in loops, such as an element.
     """
 
     work: int
@@ -103,7 +105,7 @@ class Bound:
         `copied` are the values of lists and maps that it names for each element.
         """
         bounds = []
-        if self.accesses > _ANY_SAMPLE:
+        if self.accesses > ANY_SAMPLE:
             bounds.append(BUDGET * COPIES // self.accesses)
         if self.matches:
             bounds.append(BUDGET // (self.matches * cel_patterns.MATCH))
@@ -117,11 +119,8 @@ class Bound:
 
 
 def _root(budget: float, power: int) -> int:
+    """The largest n of which (n + 1) ** power is within the budget."""
     return int(budget ** (1 / power)) - 1
-
-
-_ANY_SAMPLE = BUDGET * COPIES // 10_000
-"""Accesses that may copy the largest sample."""
 
 
 def _bound(cost: _Cost, walk: _Walk) -> Bound:
@@ -226,7 +225,7 @@ class _Walk:
         check_name(path[0])
         self.reads.add(path)
         if self.bound:
-            self.repeated[path] += self.times
+            self.repeated.update({path[:length]: self.times for length in range(2, len(path) + 1)})
             self.depth = max(self.depth, self.loops)
         return _Cost(size=1, reads=True)
 

@@ -35,7 +35,7 @@ LARGEST_WEIGHT = 1_000_000
 KEY_ALLOWED = "a Zenoh key expression of at most 256 characters, such as robot/imu or robot/*/imu"
 
 MOST_FINDINGS = 100
-"""That are looked for in one policy: each says what is expected, which may be a long list."""
+"""The most that are reported of one policy: each says what is expected, which may be a long list."""
 
 
 class Fields:
@@ -57,8 +57,11 @@ class Fields:
 
     def refuse(self, name: str, value: object, allowed: str) -> None:
         """Note that a field has an invalid value."""
+        self._note(Finding(self.at(name), value, allowed))
+
+    def _note(self, finding: Finding) -> None:
         if len(self._findings) < MOST_FINDINGS:
-            self._findings.append(Finding(self.at(name), value, allowed))
+            self._findings.append(finding)
 
     def at(self, name: str) -> str:
         """The field's full path."""
@@ -217,7 +220,7 @@ class Fields:
         """Refuse the fields that were not read: a misspelt name must not be ignored."""
         for name in [name for name in self._raw if name not in self._known]:
             known = f"one of the fields {', '.join(sorted(self._known))}{self._meant(name)}"
-            self._findings.append(Finding(self.at(str(name)), self._raw[name], known, Fault.FIELD))
+            self._note(Finding(self.at(str(name)), self._raw[name], known, Fault.FIELD))
 
     def is_blank(self) -> bool:
         """Whether the user gave nothing: no value of any field, known or not."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contextpolicy.errors import Fault, Finding, FindingsError
+from contextpolicy.errors import Fault, Finding, FindingsError, unreadable
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.streams.timeline import TimelineEntry
@@ -78,7 +78,7 @@ def load_profiles(path: str) -> Profiles:
     try:
         body = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        problem = f"cannot read file: {error.strerror}"
+        problem = unreadable(error)
     except (ValueError, RecursionError) as error:
         problem = f"not valid JSON: {error}"
     else:

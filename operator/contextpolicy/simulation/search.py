@@ -1,7 +1,7 @@
 """Better weights, bounds and delays for a policy, by trying them in the simulation. Pure: the judge is an argument.
 
 One knob is turned at a time, and left where it helps; rounds go on until none helps any more. In the end each change is
-taken back if that costs nothing, so that the patch holds only what matters, and floors are lowered while they suffice.
+undone if that costs nothing, so that the patch holds only what matters, and floors are lowered while they suffice.
 """
 
 from __future__ import annotations

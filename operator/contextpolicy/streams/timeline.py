@@ -17,7 +17,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.errors import DefinitionError, Fault, Finding, TimelineError
+from contextpolicy.errors import DefinitionError, Fault, Finding, TimelineError, unreadable
 from contextpolicy.policy.stream_spec import RosRelease
 from contextpolicy.streams.timeline_shape import findings_in
 
@@ -170,7 +170,7 @@ def _load(path: Path | str, definitions: Definitions) -> Timeline:
         text = Path(path).read_text(encoding="utf-8")
         document = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except OSError as error:
-        problem = f"cannot read file: {error.strerror}"
+        problem = unreadable(error)
     except RecursionError:
         problem = "not valid JSON: nested too deeply"
     except ValueError as error:  # also broken UTF-8 and NaN

@@ -48,14 +48,14 @@ class ShadowFacts:
     """How a shadow fares: `decided` is the other policy's plan, None while the shadow is promoted.
 
     `misses` are each task's before and since the promotion, None where unknown. `reverted` is the last promotion that
-    the operator undid, `is_back` whether this very version is back; `rival` is the shadow that is promoted instead.
+    the operator undid, `is_reverted` whether it was of this very version; `rival` is the shadow promoted instead.
     """
 
     promoted: bool
     decided: Plan | None
     misses: Mapping[str, tuple[float | None, float | None]]
     reverted: Mapping[str, Any] | None
-    is_back: bool = False
+    is_reverted: bool = False
     rival: str = ""
 
 
@@ -179,7 +179,7 @@ def _application(mode: Mode, shadow: ShadowFacts | None, unapplied: Sequence[str
     good = "InForce" if mode.acts else mode.value
     if shadow is None:
         return ConditionFinding("Applied", good, "NotApplied", unapplied if mode.acts else ())
-    if shadow.is_back and shadow.reverted is not None:
+    if shadow.is_reverted and shadow.reverted is not None:
         reverted = f"the promotion was reverted at {shadow.reverted['time']}: {shadow.reverted['message']}"
         return ConditionFinding("Applied", good, "Reverted", [f"{reverted}; edit the spec to try again"])
     rival = [f"{shadow.rival} is already promoted: only one shadow of a policy can be"] if shadow.rival else []

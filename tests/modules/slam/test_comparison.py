@@ -10,6 +10,7 @@ import pytest
 
 from modules.slam import comparison, estimates
 from modules.slam.comparison import main
+from modules.slam.slam import State
 from tests.modules.slam.test_kitti import write
 
 
@@ -62,7 +63,18 @@ def test_pictures_of_another_size_count_as_broken(run, tmp_path):
     assert run(folder).broken == 1
 
 
-def test_a_method_that_finds_no_path_is_named(tmp_path, capsys, monkeypatch):
+def test_what_can_be_measured_is_printed_beside_what_cannot(short, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(estimates, "run_baseline", lambda _: estimates.Estimate())
-    assert main([str(write(tmp_path / "street"))]) == 2
-    assert capsys.readouterr().err.startswith("street, baseline: 0 of 0 poses")
+    assert main([str(tmp_path), str(short), "--qualities", "0.3", "--output", "json"]) == 2
+    printed = capsys.readouterr()
+    assert [row["method"] for row in json.loads(printed.out)] == ["slam, quality 0.3"]
+    folder, method = printed.err.splitlines()
+    assert "no EuRoC sequence" in folder
+    assert method.startswith(f"{short.name}, baseline: 0 of 0 poses")
+
+
+def test_the_deviation_is_that_of_the_last_pose_that_counts():
+    estimate = estimates.Estimate()
+    for state, deviation in ((State.TRACKING, 0.1), (State.DEGRADED, 0.2), (State.ADRIFT, 1000.0), (State.LOST, None)):
+        estimate.add(state, 0, [0.0] * 6 + [1.0], deviation)
+    assert estimate.deviation == 0.2

@@ -116,7 +116,7 @@ def test_numbers_that_are_too_many_to_be_tried_are_reported():
     guarded = Guarded(scope.compile(f"scan.ranges.all(r, {THRESHOLDS})"), scope, noting(reported))
     scope.bind("scan", {"ranges": [math.nan] * 5000})
     assert not guarded.truth(0.0)
-    assert reported == ["reads a NaN among 5002 values, allowed for the numbers it compares them with: 1524"]
+    assert reported == ["reads a NaN among 5002 values: expected at most 1524, given the numbers it compares them with"]
 
 
 def test_a_real_error_is_reported_despite_nan():

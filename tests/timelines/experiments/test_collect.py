@@ -75,7 +75,7 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
 
 def test_a_run_with_an_incomplete_log_is_rejected(run):
     run.counted = {"slam": {"stereo": 3}}
-    with pytest.raises(DeployError, match="2 inputs of slam were heard of as done, 3 were done"):
+    with pytest.raises(DeployError, match="the recording has 2 inputs of slam as done: expected 3"):
         record(TRIAL, run, SCHEDULE, {})
     run.about = {"about": {**run.about["about"], "drained": False}}  # it went on while it was asked
     assert record(TRIAL, run, SCHEDULE, {}).columns["slam"]["stereo"].fates == "dxld"
@@ -89,7 +89,7 @@ def test_a_suspension_that_one_plan_after_the_other_has_is_one(run):
 
 def test_a_run_without_a_plan_of_its_policy_is_rejected(run):
     run.plans = []
-    with pytest.raises(DeployError, match="no plan was heard"):
+    with pytest.raises(DeployError, match="no plan was received"):
         record(TRIAL, run, SCHEDULE, {})
     assert record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {}).plans == []
 

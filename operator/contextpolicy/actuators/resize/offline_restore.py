@@ -45,8 +45,8 @@ class RestoreApi(pod_patch.ResizeApi, LeaseReader, VettingApi, Protocol):
 class Restored:
     """The outcome for one container that `policy` resized; `error` says why it could not be restored.
 
-    `note` says why it is left as it is, although nobody knows that it had this. Where the containers themselves are
-    unknown, `container` names their pod.
+    `note` says why it keeps what it has, although its original is unknown. Where the containers themselves are unknown,
+    `container` names their pod.
     """
 
     container: str

@@ -54,8 +54,8 @@ class Doubt:
 class Vetted:
     """A status's originals, and what was found wrong with them.
 
-    `unknown` are containers, by name for people, of which a policy that does not act may lack the original, with the
-    reason.
+    `unknown` are containers, by name for people and with the reason, whose original may be lost under a policy that
+    does not act.
     """
 
     stored: StoredOriginals
@@ -64,7 +64,7 @@ class Vetted:
 
     @property
     def news(self) -> str:
-        """What people have to hear of; empty if nothing."""
+        """What to report to users; empty if nothing."""
         unknown = (f"{container}: {reason}" for container, reason in self.unknown.items())
         return "; ".join([*(doubt.text for doubt in self.doubts), *unknown])
 

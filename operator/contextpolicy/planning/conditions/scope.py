@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.errors import ExpressionError
@@ -161,15 +161,8 @@ class Scope:
         return cel_cost.size(self._values.get(stream))
 
     def copied(self, paths: Mapping[tuple[str, ...], int]) -> int:
-        """How many values the library copies to read each of these paths so many times.
-
-        That is each list or map on the way, but for the whole sample.
-        """
-        prefixes: Counter[tuple[str, ...]] = Counter()
-        for path, times in paths.items():
-            for length in range(2, len(path) + 1):
-                prefixes[path[:length]] += times
-        return sum(times * self._inside(prefix) for prefix, times in prefixes.items())
+        """How many values the library copies if it reads the list or map at each of these paths so many times."""
+        return sum(times * self._inside(path) for path, times in paths.items())
 
     def _inside(self, path: tuple[str, ...]) -> int:
         found = self._values.get(path[0])
@@ -211,7 +204,7 @@ class Scope:
         allowed = 4 * MAX_TRIED // len(numbers)
         if size > allowed:
             raise ExpressionError(
-                f"reads a NaN among {size} values, allowed for the numbers it compares them with: {allowed}"
+                f"reads a NaN among {size} values: expected at most {allowed}, given the numbers it compares them with"
             )
         most = min(MAX_TRIALS, 1 + MAX_TRIED // size)
         try:

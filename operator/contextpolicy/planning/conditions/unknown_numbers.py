@@ -1,4 +1,4 @@
-"""Numbers that are not known: which are tried in place of each NaN. Pure."""
+"""Which numbers are tried in place of each NaN of a condition: one that holds with all of them holds. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 MAX_TRIALS = 256
 """Evaluations of one condition with numbers in place of several NaNs, some 2 ms; less where it does not hold."""
 MAX_TRIED = BUDGET // 4
-"""Values of all these evaluations together, some 40 ms; four times as many, if each number is to be tried at all."""
+"""Values that all these evaluations may read together, some 40 ms. Where that is too few to try each number once, it is
+four times as many; beyond that the condition fails."""
 
 
 def trials(numbers: Sequence[float], unknown: int, most: int = MAX_TRIALS) -> Iterator[Iterator[float]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.errors import ContextPolicyError
+from contextpolicy.errors import ContextPolicyError, unreadable
 from contextpolicy.policy.validation.check import check
 from contextpolicy.policy.validation.documents import read, text_of
 
@@ -29,8 +29,7 @@ def load_policy(path: str, types: Definitions | None = None) -> Policy:
         with Path(path).open(encoding="utf-8") as file:
             text = text_of(file)
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise PolicyFileError(f"{path}: cannot read file: {reason}") from error
+        raise PolicyFileError(f"{path}: {unreadable(error)}") from error
     report = check([(path, text)], types)
     if report.errors:
         raise PolicyFileError("\n".join(str(problem) for problem in report.errors))

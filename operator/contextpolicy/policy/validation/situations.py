@@ -66,6 +66,7 @@ class Situations:
 
     def _follows(self, later: Context, first: Context) -> bool:
         own = Conditions(later.when or "false", later.until)
+        # A delayed context may be inactive in a case although its conditions hold: by following `first` it is not.
         delayed = [one for one in self.read(*own.sources) if one.enter_after and one is not first]
         holding = [f"contexts['{one.name}']" for one in delayed if self.follows(one, first)]
         standing = [*self._standing(first), *holding]

@@ -7,7 +7,7 @@ from functools import lru_cache
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel import shared
 from contextpolicy.policy.cel_cost import asked_stream
 from contextpolicy.policy.cel_functions import AGE, HAS, HEARD, MACROS
 from contextpolicy.policy.cel_syntax import Construct, Node, number, plain_text
@@ -16,6 +16,8 @@ from contextpolicy.policy.context_reads import read_context
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from collections.abc import Set as AbstractSet
+
+    from contextpolicy.policy.cel import Expression
 
 Constant: TypeAlias = int | float | str
 Comparison: TypeAlias = tuple[str, Constant]
@@ -44,8 +46,8 @@ def context(name: str) -> Unknown:
 
 @lru_cache(maxsize=1024)
 def compiled(source: str) -> Expression:
-    """The expression of a source, which is looked at many times."""
-    return Expression(source)
+    """The expression of a source, kept as many checks look at it."""
+    return shared(source)
 
 
 @lru_cache(maxsize=4096)
