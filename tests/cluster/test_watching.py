@@ -17,8 +17,8 @@ from tests.waiting import PATIENCE
 UNREACHABLE = ActuationError("Unreachable", "nobody there", retriable=True)
 
 
-def an_item(name, version=1):
-    return {"metadata": {"name": name, "uid": f"uid-{name}", "resourceVersion": str(version)}}
+def an_item(name, version=1, uid=None):
+    return {"metadata": {"name": name, "uid": uid or f"uid-{name}", "resourceVersion": str(version)}}
 
 
 LIST = f"/pods?limit={FIRST}"
@@ -143,6 +143,26 @@ def test_a_list_whose_pages_have_expired_starts_over_and_forgets_nothing():
     reported, asked = follow(first, gone, a_list(an_item("speech"), version=9))
     assert reported == ["slam", "speech", "-uid-slam"], "it went between the two lists"
     assert asked[-1] == "/pods since 9"
+
+
+@pytest.mark.parametrize("kind", ["MODIFIED", "ADDED"])
+def test_object_that_takes_over_a_name_ends_the_one_before(kind):
+    """A server whose cache missed the deletion shows it as one change."""
+    reported, _ = follow(a_list(an_item("slam"), version=4), Response(an_event(kind, an_item("slam", 7, "new"))))
+    assert reported == ["slam", "-uid-slam", "slam"]
+
+
+def test_replaced_object_that_is_deleted_ends_both():
+    reported, _ = follow(a_list(an_item("slam"), version=4), Response(an_event("DELETED", an_item("slam", 7, "new"))))
+    assert reported[0] == "slam"
+    assert sorted(reported[1:]) == ["-new", "-uid-slam"]
+
+
+def test_object_replaced_between_two_lists_is_gone_before_the_next_comes():
+    lost = ActuationError("Expired", "too old", retriable=True)
+    lists = a_list(an_item("slam"), version=4), lost, a_list(an_item("slam", 7, "new"), version=9)
+    reported, _ = follow(*lists)
+    assert reported == ["slam", "-uid-slam", "slam"]
 
 
 def test_an_object_deeper_than_python_decodes_is_reported_like_others():

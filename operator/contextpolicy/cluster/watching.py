@@ -62,7 +62,8 @@ class ObjectWatch:
         self.listed: Future[None] = Future()
         self.refused = ""
         self._api, self._path, self._listener = api, path, listener
-        self._known: set[str] = set()
+        self._known: dict[str, str] = {}
+        """UIDs by namespace and name."""
         self._version: str | None = None
         self._failures = 0
         self._stop = Event()
@@ -103,16 +104,14 @@ class ObjectWatch:
 
     def _list(self) -> None:
         """All pages show one moment, from which the watch starts; without it (410) the list is read again."""
-        uids: set[str] = set()
+        listed: set[str] = set()
         for page in pages(self._api, self._path):
-            uids |= {item["metadata"]["uid"] for item in page["items"]}
-            self._known |= uids  # should a later page fail, these are known all the same
             for item in page["items"]:
-                self._listener.on_object(item)
+                listed.add(_key(item))
+                self._show(item)
             self._version = page["metadata"]["resourceVersion"]
-        for uid in self._known - uids:
-            self._listener.on_gone(uid)
-        self._known = uids
+        for key in self._known.keys() - listed:
+            self._listener.on_gone(self._known.pop(key))
         if self._failures:
             log.info("%s: watch re-established", self._path)
         self._failures = 0
@@ -133,14 +132,26 @@ class ObjectWatch:
         item = event["object"]
         if event["type"] == "ERROR":
             raise ActuationError(str(item.get("reason")), str(item.get("message")), retriable=True)
-        metadata = item["metadata"]
         if event["type"] == "DELETED":
-            self._known.discard(metadata["uid"])
-            self._listener.on_gone(metadata["uid"])
+            uid = item["metadata"]["uid"]
+            for gone in {uid, self._known.pop(_key(item), uid)}:
+                self._listener.on_gone(gone)
         elif event["type"] != "BOOKMARK":
-            self._known.add(metadata["uid"])
-            self._listener.on_object(item)
-        self._version = metadata["resourceVersion"]
+            self._show(item)
+        self._version = item["metadata"]["resourceVersion"]
+
+    def _show(self, item: Mapping[str, Any]) -> None:
+        """A name has one object at a time: another UID means that the one before is gone, which nobody may report.
+
+        The server's cache has objects by name too. When it lost its own watch, it may show a deletion and what was
+        created under the name afterwards as one modification.
+        """
+        key, uid = _key(item), item["metadata"]["uid"]
+        before = self._known.get(key, uid)
+        self._known[key] = uid
+        if before != uid:
+            self._listener.on_gone(before)
+        self._listener.on_object(item)
 
     def _rest(self, error: Exception) -> None:
         """After any error, list again: versions may have moved on (410) or back (a restored backup)."""
@@ -158,3 +169,8 @@ class ObjectWatch:
         if self.refused != why:
             self.refused = why
             self._listener.on_listing()
+
+
+def _key(item: Mapping[str, Any]) -> str:
+    metadata = item["metadata"]
+    return f"{metadata.get('namespace', '')}/{metadata['name']}"
