@@ -220,6 +220,8 @@ class FakeCluster:
         raise refusal("NotFound")
 
     def _resize(self, uid: str, patch: Mapping[str, Any], manager: str) -> None:
+        if patch.get("metadata", {}).get("uid", uid) != uid:
+            raise ActuationError("Invalid", "metadata.uid: Invalid value: field is immutable", retriable=False)
         pod, before = deepcopy(self.pods[uid]), deepcopy(self.pods[uid]["spec"])
         for field in LISTS:
             by_name = {c["name"]: c for c in pod["spec"].get(field, [])}

@@ -12,7 +12,7 @@ from contextpolicy.cluster.pods import Cpu
 from contextpolicy.errors import ActuationError
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered, refusal
 from tests.actuators.resize.rig import POLICY, Rig, two_pods
-from tests.cluster.builders import a_pod
+from tests.cluster.builders import a_pod, cpu
 
 
 def times_of_calls(rig: Rig, seconds: float, step: float = 0.01) -> list[float]:
@@ -204,6 +204,22 @@ def test_new_pod_of_the_same_name_gets_its_own_original():
     rig.settle()
     assert rig.cluster.limits("uid-slam-2") == {"slam": 300}
     assert rig.cluster.policies[POLICY].keys() == {"uid-slam-2"}
+
+
+@pytest.mark.parametrize("act", [lambda rig: rig.plan(slam=400), lambda rig: rig.release()], ids=["plan", "restore"])
+def test_patch_of_a_pod_never_reaches_the_next_one_of_its_name(act):
+    """The watch has not shown yet that the pod was replaced, or never will."""
+    rig = Rig(a_pod("slam"))
+    rig.enforce(slam=300)
+    rig.cluster.remove("uid-slam")
+    rig.cluster.create(a_pod("slam", {"slam": cpu("100m", "900m")}, uid="uid-slam-2"))
+    act(rig)
+    while rig.workers.jobs:
+        rig.work()
+    assert rig.cluster.limits("uid-slam-2") == {"slam": 900}
+    assert rig.witness.problems == []
+    rig.settle()
+    assert rig.cluster.policies.get(POLICY, {}).keys() <= {"uid-slam-2"}, "the pod before is forgotten"
 
 
 @pytest.mark.parametrize("effect", [True, False])

@@ -7,7 +7,7 @@ from contextpolicy.actuators.resize.pauses import REFUSED
 from contextpolicy.policy.spec import Transition
 from tests.actuators.resize.fake_cluster import refusal
 from tests.actuators.resize.rig import POLICY, Rig, by_id, limits, two_pods
-from tests.cluster.builders import NODE, a_pod
+from tests.cluster.builders import NODE, a_pod, cpu
 
 
 def prompt(rig: Rig, n: int = 1000, **shares: int) -> None:
@@ -50,6 +50,21 @@ def test_increase_whose_decrease_was_refused_is_reverted_and_retried():
     rig.wait(REFUSED.first + 0.1)
     rig.settle()
     assert limits(rig) == (800, 200)
+
+
+def test_new_pod_goes_back_to_what_it_had_and_not_to_what_the_one_before_had():
+    rig = two_pods()
+    prompt(rig, slam=600, speech=400)
+    rig.cluster.faults.append(refusal())
+    rig.work()
+    rig.work()
+    rig.remove("uid-slam")
+    rig.cluster.create(a_pod("slam", {"slam": cpu("100m", "550m")}, uid="uid-slam-2"))
+    rig.watch()
+    rig.store()
+    while rig.workers.jobs:
+        rig.work()
+    assert rig.cluster.limits("uid-slam-2") == {"slam": 550}
 
 
 def test_increase_that_does_not_need_the_refused_decrease_stays():

@@ -13,13 +13,16 @@ if TYPE_CHECKING:
 
 
 def resize_patch(pod: PodView, wanted: Mapping[str, Cpu]) -> dict[str, Any]:
-    """The strategic merge patch for pods/resize; containers merge by name, those not in `wanted` stay as they are."""
+    """The strategic merge patch for pods/resize; containers merge by name, those not in `wanted` stay as they are.
+
+    The UID keeps it from a pod that has taken the name over.
+    """
     lists: dict[str, list[dict[str, Any]]] = {}
     for container in pod.containers:
         cpu = wanted.get(container.name)
         if cpu is not None:
             lists.setdefault(container.list_field, []).append({"name": container.name, "resources": _resources(cpu)})
-    return {"spec": lists}
+    return {"metadata": {"uid": pod.uid}, "spec": lists}
 
 
 def _resources(cpu: Cpu) -> dict[str, dict[str, str]]:

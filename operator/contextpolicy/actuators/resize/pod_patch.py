@@ -60,7 +60,7 @@ def send(api: ResizeApi, pod: PodView, patch: Patch) -> Answer:
     try:
         version = api.resize(pod.namespace, pod.name, resize_patch(pod, patch.resources), manager)
     except ActuationError as error:
-        return Answer(error=error)
+        return Answer(error=_replaced(pod) if _is_of_another(error) else error)
     except Exception as error:
         log.exception("the resize of pod %s/%s failed", pod.namespace, pod.name)
         return Answer(error=unexpected(error))
@@ -84,6 +84,13 @@ def ask(api: ResizeApi, pod: PodView) -> Found | ActuationError:
     except Exception as error:
         log.exception("pod %s/%s can't be read", pod.namespace, pod.name)
         return unexpected(error)
-    if found.uid != pod.uid:
-        return ActuationError("NotFound", f"pod {pod.name} was replaced by another one", retriable=False)
-    return Found(found, time.monotonic())
+    return Found(found, time.monotonic()) if found.uid == pod.uid else _replaced(pod)
+
+
+def _is_of_another(error: ActuationError) -> bool:
+    """The server lets no patch change a UID: `metadata.uid: Invalid value: ...: field is immutable`."""
+    return error.reason == "Invalid" and "metadata.uid" in str(error)
+
+
+def _replaced(pod: PodView) -> ActuationError:
+    return ActuationError("NotFound", f"pod {pod.name} was replaced by another one", retriable=False)

@@ -43,8 +43,8 @@ class Reconciler:
     ) -> None:
         self.order = order
         """What the policy wants; see `follow`."""
-        self._before: dict[str, Cpu] = {}
-        """What each container had when the current plan came, by identity."""
+        self._before: dict[tuple[str, str], Cpu] = {}
+        """What each container had when the current plan came, by pod UID and name."""
         self._releasing = False
         self._handed_over: frozenset[str] = frozenset()
         """The nodes whose agents came or went, or began or ceased to write, with the newest order."""
@@ -170,7 +170,7 @@ class Reconciler:
                     continue
                 wanted = target_cpu(self.order, identity, pod, container, original)
                 spec = pod.state.spec(container.name)
-                before = self._before.setdefault(identity, spec or container.spec)
+                before = self._before.setdefault((pod.uid, container.name), spec or container.spec)
                 stuck = pod.is_stuck(self._policy, now)
                 yield Target(identity, pod, container, wanted, spec, before, original, stuck)
 
