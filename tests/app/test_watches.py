@@ -80,6 +80,15 @@ def test_a_namespace_that_is_served_is_kept_for_a_while_without_policies():
     assert watches.next_change() is None
 
 
+def test_a_policy_that_is_gone_is_reported_to_the_operator():
+    """Kopf does not report one that was there before an interruption and is not afterwards."""
+    reported = Recorder()
+    policies = Watches(Api(), [], reported.operator, Mock(), Clock())._policies
+    policies.on_object(a_policy("lab", "one"))
+    policies.on_gone("one")
+    assert reported.calls == [("policy_gone", "one")]
+
+
 def test_a_namespace_that_is_not_served_is_not_kept():
     """Another release serves it, or it is being deleted."""
     watches = Watches(Api(), [], Recorder().operator, Mock(), Clock())

@@ -47,7 +47,8 @@ class Watches:
         listener: ListsListener,
         clock: Callable[[], float],
     ) -> None:
-        pods, nodes, self._policies = _Pods(operator, listener), _Nodes(operator, listener), _Policies(listener, clock)
+        pods, nodes = _Pods(operator, listener), _Nodes(operator, listener)
+        self._policies = _Policies(operator, listener, clock)
         self._pods = {namespace: ObjectWatch(api, pods_of(namespace), pods) for namespace in namespaces}
         self._all = [*self._pods.values(), ObjectWatch(api, "/api/v1/nodes", nodes)]
         if not self._pods:
@@ -124,10 +125,10 @@ class _Nodes:
 class _Policies:
     """The namespace of each policy by UID, and when others lost their last one; changed on the watch's thread."""
 
-    def __init__(self, listener: ListsListener, clock: Callable[[], float]) -> None:
+    def __init__(self, operator: Operator, listener: ListsListener, clock: Callable[[], float]) -> None:
         self._namespaces: dict[str, str] = {}
         self._left: dict[str, float] = {}
-        self._listener, self._clock = listener, clock
+        self._operator, self._listener, self._clock = operator, listener, clock
         self._lock = Lock()
 
     def on_object(self, item: Mapping[str, Any]) -> None:
@@ -142,6 +143,7 @@ class _Policies:
             namespace = self._namespaces.pop(uid, None)
             if namespace is not None and namespace not in self._namespaces.values():
                 self._left[namespace] = self._clock()
+        self._operator.policy_gone(uid)
         self._listener.on_lists()
 
     def served(self, before: Collection[str]) -> set[str]:
