@@ -182,7 +182,7 @@ class Operator:
         on_loop(self._loop, lambda: self._resizer.inspect(reference_of(body), raw, version))
 
     def policy_gone(self, uid: str) -> None:
-        """The object of a ContextPolicy is gone, whoever removed its finalizer."""
+        """The object of a ContextPolicy is gone, released or not."""
         on_loop(self._loop, lambda: self._policies.lose(uid))
 
     def abandon(self, namespace: str) -> None:
