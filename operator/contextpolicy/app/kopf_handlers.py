@@ -98,10 +98,8 @@ async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
 
 @kopf.on.event(GROUP, PLURAL)
 async def see(type: str | None, body: kopf.Body, memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name for it
-    """Anything of a policy has changed, its status too; one that has lost its finalizer is gone without a release."""
-    if type == "DELETED":
-        memo.operator.policy_gone(body["metadata"]["uid"])
-    else:
+    """Anything of a policy has changed, its status too."""
+    if type != "DELETED":
         memo.operator.policy_seen(dict(body))
 
 
