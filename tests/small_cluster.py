@@ -19,6 +19,7 @@ METHODS = (
     "policy_changed",
     "policy_deleted",
     "policy_seen",
+    "policy_gone",
     "pod_changed",
     "pod_gone",
     "node_changed",

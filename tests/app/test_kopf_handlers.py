@@ -10,6 +10,7 @@ import kopf
 import pytest
 
 from contextpolicy.app import kopf_handlers
+from contextpolicy.policy.custom_resource import GROUP
 from tests.small_cluster import Recorder
 
 APPLY: Any = kopf_handlers.apply
@@ -92,3 +93,11 @@ def test_kopf_annotations_stay_small_for_a_large_policy():
 def test_kopf_recognises_an_edit(edited, differs):
     body = {"metadata": {"annotations": {}}, "spec": {"reserve": "1"}}
     assert (stored({**body, **edited}) != stored(body)) is differs
+
+
+def test_a_copy_is_not_taken_for_handled():
+    """Of a policy that was exported: it has the annotation of the object that it was copied from."""
+    body = {"metadata": {"name": "robot", "uid": "one", "annotations": {}}, "spec": {"reserve": "1"}}
+    copy = {**body, "metadata": {**body["metadata"], "uid": "other", "annotations": stored(body)}}
+    handled = f"{GROUP}/last-handled-configuration"
+    assert stored(copy)[handled] != stored(body)[handled]

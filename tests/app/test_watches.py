@@ -9,6 +9,8 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 from unittest.mock import Mock
 
+import pytest
+
 from contextpolicy.app.watches import LINGER, Watches
 from contextpolicy.cluster.paging import Page
 from tests.cluster.builders import a_pod
@@ -19,11 +21,12 @@ NODE = {"metadata": {"name": "robot-1", "uid": "uid-robot-1", "resourceVersion":
 
 
 class Api:
-    """Lists one pod and one node, which are deleted soon."""
+    """Lists one pod, one node and one policy, which are deleted soon."""
 
     def __init__(self):
         self.ended = threading.Event()
-        self._lists = {"pods": [a_pod("slam")], "nodes": [NODE]}
+        policy = {"metadata": {**a_policy("lab", "uid-robot")["metadata"], "resourceVersion": "1"}}
+        self._lists = {"pods": [a_pod("slam")], "nodes": [NODE], "contextpolicies": [policy]}
 
     def read_page(self, path, _most):
         return Page({"metadata": {"resourceVersion": "1"}, "items": self._lists[_plural(path)]}, 1)
@@ -41,14 +44,18 @@ def _plural(path):
     return path.partition("?")[0].rpartition("/")[2]
 
 
-def test_pod_and_node_changes_reach_the_operator():
+@pytest.mark.parametrize("namespaces", [["lab"], []], ids=["named", "all"])
+def test_changes_reach_the_operator(namespaces):
+    """Of policies only their end: kopf reports none that went while it could not watch, or without our finalizer."""
     api, reported = Api(), Recorder()
-    watches = Watches(api, ["lab"], reported.operator, Mock(), time.monotonic)
+    watches = Watches(api, namespaces, reported.operator, Mock(), time.monotonic)
     watches.start()
     reported.wait_for("pod_gone", "uid-slam")
     reported.wait_for("node_gone", "uid-robot-1")
+    reported.wait_for("policy_gone", "uid-robot")
     watches.stop()
-    assert {name for name, *_ in reported.calls} == {"pod_changed", "pod_gone", "node_changed", "node_gone"}
+    seen = {"pod_changed", "pod_gone", "node_changed", "node_gone", "policy_gone"}
+    assert {name for name, *_ in reported.calls} == seen
 
 
 class Clock:

@@ -40,6 +40,7 @@ def target(task: str, cores: float, limit: float | None = 0.5, **changes: Any) -
         "node": "robot-1",
         "namespace": "robot",
         "pod": f"{task}-1",
+        "uid": f"uid-{task}-1",
         "container": task,
         "cores": cores,
         "weight": None,

@@ -116,6 +116,12 @@ def test_a_new_plan_keeps_what_it_does_not_change() -> None:
     assert stages(view)["slam"] == "planned"
 
 
+def test_a_pod_that_replaces_another_of_its_name_has_reached_no_stage() -> None:
+    view = heard((KEY, plan()), (APPLIED, step("inForce", 0.99)))
+    view.take(KEY, json.dumps(plan(edition=1, targets=[target("slam", 0.99, uid="uid-another")])).encode())
+    assert stages(view)["slam"] == "planned"
+
+
 @pytest.mark.parametrize("change", [{"mode": "DryRun"}, {"scheduler": "Realtime"}])
 def test_dry_run_and_realtime_have_no_stage(change: dict[str, str]) -> None:
     assert stages(heard((KEY, plan(**change)))) == {"slam": None, "speech": None}

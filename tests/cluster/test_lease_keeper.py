@@ -106,6 +106,22 @@ def test_terminating_namespace_still_releases_policies(api, step, now):
     assert candidacy.acts_until == now[0] + ACT * 10
 
 
+def an_object(version, uid):
+    spec = {"holderIdentity": "other", "leaseDurationSeconds": 15, "renewTime": "now"}
+    return {"metadata": {"resourceVersion": version, "uid": uid}, "spec": spec}
+
+
+@pytest.mark.parametrize(("gone", "lost"), [("uid-before", False), ("uid-own", True)])
+def test_only_the_lease_that_is_held_is_lost_with_its_object(api, gone, lost):
+    """The watch may report late that the one before it was deleted, with the pod of its holder."""
+    keeper, candidacy = LeaseKeeper(api, "contextpolicy", Mock(), watched="lab"), Candidacy("one", 10)
+    keeper.stand("lab", candidacy)
+    keeper.on_object(an_object("5", "uid-before"))
+    candidacy.succeed(Lease("one", 10, "now", "now", 1, "7", uid="uid-own"), 100, 100)
+    keeper.on_gone(gone)
+    assert (candidacy.lost, candidacy.held) == (lost, not lost)
+
+
 @pytest.mark.parametrize(("given_back", "acts"), [(False, False), (True, True)])
 def test_terminating_namespace_is_left_to_the_release_that_held_its_lease(api, step, now, given_back, acts):
     """Each took the refusal for its Lease: two operators acted there."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import os
 import signal
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from tests.e2e.background import Background
-from tests.e2e.cluster import apply, delete, get, run, until
+from tests.e2e.cluster import CommandError, apply, delete, get, run, until
 from tests.planning.builders import limited
 from timelines.demo.cgroup import Cgroup, find
 
@@ -46,6 +47,8 @@ class Robot:
 
     def __init__(self, namespace: str, sensors: Sensors) -> None:
         self.namespace, self.sensors = namespace, sensors
+        self._uids: dict[str, str] = {}
+        """Of the policies, by name."""
 
     def drive(self, speed: float) -> None:
         """The IMU says that the robot moves at `speed` m/s, or stands still at 0."""
@@ -69,6 +72,7 @@ class Robot:
     def policy(self, **changes: Any) -> None:
         """Apply the robot's policy, with some spec fields changed."""
         apply(policy(self.namespace, **changes))
+        self._uid("robot")
 
     def status(self, name: str = "robot") -> dict[str, Any]:
         """What the policy's status says."""
@@ -83,10 +87,16 @@ class Robot:
         return "", ""
 
     def reported(self, reason: str, name: str = "robot") -> list[str]:
-        """The messages of the policy's events with this reason."""
-        chosen = f"involvedObject.name={name},involvedObject.kind=ContextPolicy,reason={reason}"
+        """The messages of the policy's events with this reason; one of the same name before it is another."""
+        chosen = f"involvedObject.uid={self._uid(name)},reason={reason}"
         found = run("kubectl", "get", "events", "-n", self.namespace, "--field-selector", chosen, "-o", "json")
         return [event["message"] for event in json.loads(found)["items"]]
+
+    def _uid(self, name: str) -> str:
+        """That of the policy, or of the last that was there; empty before any."""
+        with suppress(CommandError):
+            self._uids[name] = get("ctxp", name, self.namespace)["metadata"]["uid"]
+        return self._uids.get(name, "")
 
     def container(self, task: str) -> Cgroup | None:
         """The cgroup of the task's container."""

@@ -43,6 +43,18 @@ def test_removal_of_an_old_node_keeps_its_reregistered_successor(running):
     assert running.limits() == {"slam": 400, "speech": 400}
 
 
+def test_a_node_that_was_replaced_unseen_keeps_its_shares(running):
+    """The watch reports the end of the one and then the other, one right after the other."""
+    running.react(IMU, speed=0.3)
+
+    def replace():
+        running.operator.node_gone(f"uid-{NODE}")
+        running.node(uid="uid-again")
+
+    assert running.resizes_while(replace) == []
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
 def test_pods_known_before_their_node_are_governed_as_soon_as_it_is(operator):
     for pod in operator.cluster.pods.values():
         operator.operator.pod_changed(pod)

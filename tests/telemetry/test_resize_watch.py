@@ -119,6 +119,19 @@ def test_a_resize_that_no_sample_asked_for_is_reported_and_not_measured(reported
     assert [count(leg) for leg in LEGS] == before
 
 
+def test_a_pod_that_replaces_another_of_its_name_reacts_to_no_earlier_sample(reported):
+    """The plan stays the same, and so does the container's name in it."""
+    reported.watch.planned(POLICY, a_plan(1, slam=500, speech=500), 1.0)
+    reported.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300, speech=700), 2.0)
+    before = [count(leg) for leg in LEGS]
+    reported.watch.lose(view(a_pod("slam")))
+    reported.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 3601.0)
+    reported.watch.on_in_force(POLICY, "lab/slam/slam", 300)
+    assert [count(leg) for leg in LEGS] == before
+    reported.watch.on_in_force(POLICY, "lab/speech/speech", 700)
+    assert count("reaction") == before[-1] + 1
+
+
 def test_a_plan_that_no_sample_made_is_not_measured(reported):
     before = count("sample_to_plan")
     reported.watch.planned(POLICY, a_plan(1, slam=500), 1.0)

@@ -37,13 +37,14 @@ class Digests(kopf.AnnotationsDiffBaseStorage):
     """Recognises an edit by a digest of what kopf compares, which it otherwise stores whole in an annotation.
 
     Kubernetes refuses more than 256 KiB of annotations: a policy of that size, or with notes of half of it, was never
-    taken up and could not be deleted.
+    taken up and could not be deleted. The digest is of the UID too: who exports a policy and applies it again, maybe
+    under another name, copies the annotation, and nothing would seem new.
     """
 
     def build(self, *, body: kopf.Body, extra_fields: Any = None) -> kopf.BodyEssence:
         """The digest in the essence's place: our handlers need to know that something differs, not what."""
         essence = super().build(body=body, extra_fields=extra_fields)
-        text = json.dumps(essence, sort_keys=True, separators=(",", ":"))
+        text = json.dumps([body.metadata.uid, essence], sort_keys=True, separators=(",", ":"))
         return kopf.BodyEssence(spec={"digest": hashlib.sha256(text.encode()).hexdigest()})
 
     def fetch(self, *, body: kopf.Body) -> kopf.BodyEssence | None:

@@ -1,4 +1,4 @@
-"""What one replica watches: pods and nodes, and, where all namespaces are served, which of them have policies."""
+"""What one replica watches: pods and nodes, and which policies there are: kopf does not report all that are gone."""
 
 from __future__ import annotations
 
@@ -47,10 +47,13 @@ class Watches:
         listener: ListsListener,
         clock: Callable[[], float],
     ) -> None:
-        pods, nodes, self._policies = _Pods(operator, listener), _Nodes(operator, listener), _Policies(listener, clock)
+        pods, nodes = _Pods(operator, listener), _Nodes(operator, listener)
+        self._policies = _Policies(operator, listener, clock)
         self._pods = {namespace: ObjectWatch(api, pods_of(namespace), pods) for namespace in namespaces}
-        self._all = [*self._pods.values(), ObjectWatch(api, "/api/v1/nodes", nodes)]
-        if not self._pods:
+        policies = [ObjectWatch(api, policies_of(namespace), self._policies) for namespace in self._pods]
+        self._named = [*self._pods.values(), *policies]
+        self._all = [*self._named, ObjectWatch(api, "/api/v1/nodes", nodes)]
+        if not self._named:
             self._all += [ObjectWatch(api, "/api/v1/pods", pods), ObjectWatch(api, POLICIES, self._policies)]
         self._refused: frozenset[str] = frozenset()
 
@@ -73,8 +76,8 @@ class Watches:
                 yield str(error)
 
     def unlisted(self) -> list[str]:
-        """The lists not read yet. A namespace of several whose pods we may not see keeps us from no other."""
-        refused = [watch for watch in self._pods.values() if watch.refused]
+        """The lists not read yet. A namespace of several where we may not see them keeps us from no other."""
+        refused = [watch for watch in self._named if watch.refused]
         return [str(watch) for watch in self._all if not watch.listed.done() and watch not in refused]
 
     def served(self, before: Collection[str]) -> set[str]:
@@ -124,10 +127,10 @@ class _Nodes:
 class _Policies:
     """The namespace of each policy by UID, and when others lost their last one; changed on the watch's thread."""
 
-    def __init__(self, listener: ListsListener, clock: Callable[[], float]) -> None:
+    def __init__(self, operator: Operator, listener: ListsListener, clock: Callable[[], float]) -> None:
         self._namespaces: dict[str, str] = {}
         self._left: dict[str, float] = {}
-        self._listener, self._clock = listener, clock
+        self._operator, self._listener, self._clock = operator, listener, clock
         self._lock = Lock()
 
     def on_object(self, item: Mapping[str, Any]) -> None:
@@ -142,6 +145,7 @@ class _Policies:
             namespace = self._namespaces.pop(uid, None)
             if namespace is not None and namespace not in self._namespaces.values():
                 self._left[namespace] = self._clock()
+        self._operator.policy_gone(uid)
         self._listener.on_lists()
 
     def served(self, before: Collection[str]) -> set[str]:
@@ -165,3 +169,8 @@ class _Policies:
 def pods_of(namespace: str) -> str:
     """The list of a namespace's pods."""
     return f"/api/v1/namespaces/{namespace}/pods"
+
+
+def policies_of(namespace: str) -> str:
+    """The list of a namespace's policies."""
+    return f"{API}/namespaces/{namespace}/{PLURAL}"

@@ -181,6 +181,10 @@ class Operator:
         raw, version = raw_of(body), version_of(body["metadata"])
         on_loop(self._loop, lambda: self._resizer.inspect(reference_of(body), raw, version))
 
+    def policy_gone(self, uid: str) -> None:
+        """The object of a ContextPolicy is gone, released or not."""
+        on_loop(self._loop, lambda: self._policies.lose(uid))
+
     def abandon(self, namespace: str) -> None:
         """Another operator serves this namespace now: forget its policies, and change nothing."""
         on_loop(self._loop, lambda: self._policies.abandon(namespace))

@@ -26,10 +26,12 @@ UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, OverflowError, Re
 class ShownTarget:
     """One container of a task; `stage` says how far its new `cores` have come, if its node is `resized` at all.
 
-    Where it is `weighted`, the API may not be involved: an agent writes weights.
+    Where it is `weighted`, the API may not be involved: an agent writes weights. `uid` is its pod's: another may come
+    under the same name.
     """
 
     task: str
+    uid: str
     cores: float
     stage: str
     resized: bool
@@ -128,7 +130,7 @@ class BusView:
         for identity, target in new.targets.items():
             before = known.targets.get(identity) if known else None
             # A republished plan must not show a container as merely planned whose limit is already in force.
-            if before is not None and before.cores == target.cores:
+            if before is not None and (before.uid, before.cores) == (target.uid, target.cores):
                 target.stage = max(target.stage, before.stage, key=STAGES.__getitem__)
         self.policies[policy] = new
         return True
@@ -166,6 +168,7 @@ def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
         targets={
             f"{one['namespace']}/{one['pod']}/{one['container']}": ShownTarget(
                 task=str(one["task"]),
+                uid=str(one["uid"]),
                 cores=_number(one["cores"]),
                 stage="inForce" if one["weight"] is None and one["limit"] == one["quota"] else "planned",
                 resized=one["node"] in fair,

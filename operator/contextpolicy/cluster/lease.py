@@ -44,6 +44,8 @@ class OwnPod(NamedTuple):
 class Lease:
     """As the API server has it; `version` is empty when it has none, `holder` when it is free.
 
+    `uid` is the object's: one that is deleted and made again has another.
+
     Kubernetes deletes a Lease with the `pod` of its holder. So it is free as soon as that is gone, also when the holder
     could not give it back: `helm uninstall` takes its rights away before it ends.
     """
@@ -55,6 +57,7 @@ class Lease:
     transitions: int = 0
     version: str = ""
     pod: OwnPod | None = None
+    uid: str = ""
 
 
 def read(item: Mapping[str, Any]) -> Lease:
@@ -68,6 +71,7 @@ def read(item: Mapping[str, Any]) -> Lease:
         transitions=_natural(spec.get("leaseTransitions")),
         version=str(item["metadata"]["resourceVersion"]),
         pod=_pod(item["metadata"].get("ownerReferences") or ()),
+        uid=str(item["metadata"].get("uid") or ""),
     )
 
 
@@ -142,6 +146,11 @@ class Candidacy:
             self._due = self._seen_at + lease.seconds
         elif not self.held:
             self._due = now
+
+    def lose(self, uid: str, now: float) -> None:
+        """The Lease of this UID was deleted; the one that we know may have come after it."""
+        if self._seen is None or self._seen.uid in ("", uid):
+            self.see(Lease(), now)
 
     @property
     def seen(self) -> bool:

@@ -10,14 +10,13 @@ from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.cluster import lease as leases
-from contextpolicy.cluster.lease import Lease
 from contextpolicy.cluster.watching import ListWatch, ObjectWatch
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
-    from contextpolicy.cluster.lease import Candidacy
+    from contextpolicy.cluster.lease import Candidacy, Lease
 
 log = logging.getLogger(__name__)
 
@@ -101,11 +100,12 @@ class LeaseKeeper:
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         """The watched Lease has changed."""
-        self._see(leases.read(item))
+        found = leases.read(item)
+        self._notice(lambda candidacy: candidacy.see(found, clock()))
 
-    def on_gone(self, _: str) -> None:
+    def on_gone(self, uid: str) -> None:
         """The watched Lease was deleted."""
-        self._see(Lease())
+        self._notice(lambda candidacy: candidacy.lose(uid, clock()))
 
     def on_listing(self) -> None:
         """Nothing: what the watch can't see is looked at all the same."""
@@ -193,11 +193,11 @@ class LeaseKeeper:
         except ActuationError as error:
             log.warning("%s could not be released: %s", self._subject(namespace), error)
 
-    def _see(self, found: Lease) -> None:
+    def _notice(self, news: Callable[[Candidacy], None]) -> None:
         with self._news:
             candidacy = self._candidacies.get(self._watched)
             if candidacy is not None:
-                candidacy.see(found, clock())
+                news(candidacy)
                 self._news.notify()
         self._listener.on_lease()
 

@@ -51,7 +51,7 @@ class Binder:
         self._loop, self._registry, self._bus, self._publisher = loop, registry, bus, publisher
         self._originals, self._contests, self._tenants = originals, contests, tenants
         self.nodes: dict[str, NodeView] = {}
-        """By UID: a recreated policy may be listed before the old one is gone."""
+        """By UID: a recreated one may be listed before the old one is gone."""
         self._moved: set[str] = set()
         """Namespaces whose pods came, went or moved since the last placement."""
         self._elsewhere: dict[str, tuple[int, int]] = {}
@@ -81,12 +81,12 @@ class Binder:
             self.place()
 
     def lose_node(self, uid: str) -> None:
-        """A node was deleted: nothing there is claimed any more."""
+        """A node was deleted: nothing there is claimed any more, unless one of its name is reported with it."""
         lost = self.nodes.pop(uid, None)
         if lost is not None:
             if lost.name not in {node.name for node in self.nodes.values()}:
                 self._bus.lose_node(lost.name)
-            self.place()
+            self._loop.schedule(lambda *_: self.place())
 
     def place(self) -> None:
         """Give all runners what they may claim."""

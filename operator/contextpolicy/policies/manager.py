@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.actuators.resize.stored_originals import stored_in
+from contextpolicy.actuators.resize.vetting import Vetted
 from contextpolicy.bus.questions import Questions
 from contextpolicy.policies.policy_runner import PolicyRunner
 from contextpolicy.policies.promotion import Promotion
-from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, reference_of
+from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, reference_of, uid_of
 from contextpolicy.policies.services import Services
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
 from contextpolicy.streams.retention import POOL, Retention
@@ -17,12 +20,10 @@ from contextpolicy.telemetry.status import remembered
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-    from concurrent.futures import Future
 
     import zenoh
 
     from contextpolicy.actuators.actuator import Actuators
-    from contextpolicy.actuators.resize.vetting import Vetted
     from contextpolicy.bus.robot_bus import RobotBus
     from contextpolicy.bus.signatures import PlanSigner
     from contextpolicy.cluster.fencing import Fence
@@ -81,6 +82,9 @@ class PolicyManager:
         Returns whether all that it names could be read.
         """
         reference = reference_of(body)
+        former = self._registry.present.get(reference)
+        if former is not None and uid_of(former.body) != uid_of(body):
+            self._end(former)
         if self._registry.leaving.pop(reference, None) is not None:
             metrics.forget(reference)  # of the object that was deleted; this one counts from 0
         self._actuators.recall(reference, vetted.stored)
@@ -114,6 +118,11 @@ class PolicyManager:
             self._tell_doubts(reference, vetted)
         self._actuators.release(reference, lambda: self._released(reference, done))
         self._binder.place()
+
+    def lose(self, uid: str) -> None:
+        """A policy's object is gone, although it had our finalizer: put back what it changed all the same."""
+        for entry in [entry for entry in self._registry.present.values() if uid_of(entry.body) == uid]:
+            self._end(entry)
 
     def abandon(self, namespace: str) -> None:
         """Another operator serves the namespace: forget its policies and change nothing."""
@@ -156,6 +165,10 @@ class PolicyManager:
             running = entry.runner.policy if entry.runner is not None else None
             if runs is not None and runs.policy is not None and (entry is edited or running != runs.policy):
                 self._swap(entry, runs.policy, runs.initiatives, session)
+
+    def _end(self, entry: PolicyEntry) -> None:
+        """The object is gone, and nobody waits until its containers are as they were."""
+        self.drop(entry.body, Vetted(stored_in(entry.body)), Future())
 
     def _swap(
         self, entry: PolicyEntry, policy: Policy, initiatives: Mapping[str, Instantiate], session: zenoh.Session

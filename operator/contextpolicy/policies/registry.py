@@ -91,6 +91,11 @@ def reference_of(body: Mapping[str, Any]) -> str:
     return f"{body['metadata']['namespace']}/{body['metadata']['name']}"
 
 
+def uid_of(body: Mapping[str, Any]) -> str:
+    """The UID of the object: one that is deleted and made again under the same name has another."""
+    return str(body["metadata"].get("uid", ""))
+
+
 def conditions_of(body: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The conditions that its status has."""
     return list((body.get("status") or {}).get("conditions") or [])

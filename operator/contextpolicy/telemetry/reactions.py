@@ -136,6 +136,12 @@ class Reactions:
         """Another writer changed the container: its next resize is no reaction to a sample."""
         self._changes.get(policy, {}).pop(container, None)
 
+    def lose(self, pod: str) -> None:
+        """The pod, `namespace/name`, is gone: one that takes its place reacts to no sample from before."""
+        for changes in self._changes.values():
+            for container in [container for container in changes if container.startswith(f"{pod}/")]:
+                del changes[container]
+
     def forget(self, policy: str) -> None:
         """The policy is gone."""
         self._plans.pop(policy, None)

@@ -166,8 +166,9 @@ class ResizeWatch:
                 self._listener.on_problem(policy, RECOVERED, f"{pod.name}: the kubelet no longer holds back a resize")
 
     def lose(self, pod: PodView) -> None:
-        """The pod is gone, and its problems with it."""
+        """The pod is gone, and with it its problems and what it has yet to react to."""
         identity = f"{pod.namespace}/{pod.name}"
+        self._reactions.lose(identity)
         for held in self._held.values():
             held.pop(identity, None)
         for conflicts in self._conflicts.values():

@@ -8,7 +8,7 @@ from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.cluster.pods import Cpu
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Killed, Unanswered, refusal
-from tests.actuators.resize.rig import OTHER, POLICY, Rig, believed, limits, one_pod_for_two, two_pods
+from tests.actuators.resize.rig import MOMENT, OTHER, POLICY, Rig, believed, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import NODE, a_pod
 
 # the note of what was there
@@ -86,6 +86,21 @@ def test_a_release_after_a_first_patch_without_an_answer_restores():
     assert rig.released == []
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
+
+
+def test_a_late_answer_about_a_released_policy_says_nothing_about_the_next_of_its_name():
+    rig = Rig(a_pod("slam"), stores=True)
+    rig.plan(slam=300)
+    rig.workers.run()  # the API server has stored it; the answer is still on its way
+    rig.release()
+    assert rig.released == [POLICY]
+    rig.plan(slam=400)
+    rig.wait(MOMENT)
+    assert len(rig.workers.jobs) == 1, "nothing is resized before its original is stored"
+    rig.work()
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+    rig.work()
+    assert rig.cluster.limit("slam") == 400
 
 
 def test_release_removes_the_original_of_a_refused_resize():

@@ -63,7 +63,7 @@ class StatusRecord:
         if retry.due > now:
             return retry.due
         self._originals.send(policy)
-        self._background.run(lambda: self._write(policy, changes), lambda error: self._ended(policy, error))
+        self._background.run(lambda: self._write(policy, changes), lambda answer: self._ended(policy, retry, answer))
         return inf
 
     def inspect(self, policy: str, raw: Mapping[str, Any], version: int) -> bool:
@@ -89,9 +89,8 @@ class StatusRecord:
             log.exception("the originals of %s could not be written", policy)
             return unexpected(error)
 
-    def _ended(self, policy: str, answer: int | ActuationError) -> None:
-        retry = self._retries.get(policy)
-        if retry is None:  # the policy was deleted while its status was written
+    def _ended(self, policy: str, retry: _Retry, answer: int | ActuationError) -> None:
+        if self._retries.get(policy) is not retry:  # the policy was deleted meanwhile: one of its name is another
             return
         error = answer if isinstance(answer, ActuationError) else None
         if error is not None or retry.times:
