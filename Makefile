@@ -30,6 +30,11 @@ setup: .venv/ready  ## install the Python packages into .venv
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --requirement modules/signs/models.txt
 	touch $@
 
+.venv/docs: pyproject.toml
+	python3 -m venv .venv
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
+
 demo: images recordings  ## show the whole robot on a real node: a minute of sensor input moves CPU between its tasks
 	$(PYTHON) -m timelines.datasets exp2 speech/exp2 signs/exp2
 	$(CLUSTER) exec -- $(PYTHON) -m timelines.demo
@@ -165,7 +170,8 @@ release: e2e-vm  ## build a release of the last commit into build/release (after
 version: setup  ## set VERSION everywhere, and turn the changelog's Unreleased section into its own
 	$(PYTHON) -m charts.release.version $(VERSION)
 
-docs: setup  ## write the generated reference pages, and build the site into build/site
+# Needs only the extra `docs`: where `make setup` has not run, nothing else is installed.
+docs: $(if $(wildcard .venv/ready),setup,.venv/docs)  ## write the generated reference pages, and build the site into build/site
 	$(PYTHON) -m docs.generator
 	NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --config-file .mkdocs.yml --strict --quiet
 	@echo 'Open build/site/index.html. To search it too: python3 -m http.server --directory build/site'

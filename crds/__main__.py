@@ -24,8 +24,8 @@ def written(definition: str) -> str:
     """The definition with what comes from the table: the manual's paragraph and the words that are no names."""
     for place, text in (
         (r"Besides CEL's own functions there are.*?(?=\n\n)", _manual()),
-        (r"!\(self\.name in \[[^]]*\]\)(?=\n +message: >-\n +a CEL keyword or function)", _names(RESERVED)),
-        (r"!\(self\.name in \[[^]]*\]\)(?=\n +message: a CEL keyword cannot be a feature's)", _names(KEYWORDS)),
+        (r"!\(self\.name in \[[^]]*\]\)(?=\n +message: expected a name that is not a reserved)", _names(RESERVED)),
+        (r"!\(self\.name in \[[^]]*\]\)(?=\n +message: expected a name that is not a keyword)", _names(KEYWORDS)),
     ):
         definition = _replaced(definition, place, text)
     return definition

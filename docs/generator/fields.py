@@ -75,10 +75,15 @@ def _details(fields: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 
 def _rules(schema: dict[str, Any]) -> Iterator[str]:
-    messages = [escaped(rule["message"]) for rule in schema.get("x-kubernetes-validations", []) if "message" in rule]
+    messages = [_message(rule) for rule in schema.get("x-kubernetes-validations", []) if "message" in rule]
     if messages:
         yield from ("Messages with which the API server refuses it:", "")
         yield from (*(f"- {message}" for message in dict.fromkeys(messages)), "")
+
+
+def _message(rule: dict[str, Any]) -> str:
+    field = rule.get("fieldPath", "").removeprefix(".")
+    return (f"`{field}`: " if field else "") + escaped(rule["message"])
 
 
 def _type(schema: dict[str, Any]) -> str:

@@ -41,7 +41,7 @@ class Fault(Enum):
     VALUE = auto()
     """The field's value, or that it is missing; `allowed` follows the word expected."""
     RULE = auto()
-    """The same; `allowed` is a whole sentence, such as the message of a rule."""
+    """The same; `allowed` is a whole sentence."""
     FIELD = auto()
     """The field is unknown; `allowed` lists the known ones."""
     FILE = auto()

@@ -168,7 +168,7 @@ def test_settings_that_are_invalid_are_reported(start):
     process = start("--priority", "500")
     _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
-    assert "1..99" in said
+    assert "argument --priority: invalid value '500': expected an integer from 1 to 99" in said
 
 
 def test_liveness_and_state_are_reported(start, operator, slam, free_port):  # noqa: ARG001

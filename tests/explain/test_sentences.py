@@ -8,6 +8,7 @@ import pytest
 
 from contextpolicy.explain.explanation import explain
 from contextpolicy.explain.sentences import sentences
+from contextpolicy.planning.conditions.sample import Sample
 from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task, on_node, together
 
 
@@ -139,3 +140,18 @@ def test_decaying_activity_is_not_in_force():
         "Activity `imu.hit` on imu is over: its score has decayed from 10 to 4.",
         "Its idle score, 5, is higher.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("when", "shown"),
+    [
+        ("imu.speed > 0.1", '{"speed": 0.3}'),
+        ("imu.stamp > 0", '{"stamp": 7, "speed": 0.3}'),
+        ("imu['stamp'] > 0", '{"stamp": 7, "speed": 0.3}'),
+    ],
+)
+def test_when_a_sample_was_published_is_shown_only_if_a_condition_reads_it(when, shown):
+    contexts = [a_context("moving", when, tasks={"slam": {"weight": 2}})]
+    story = Story(a_policy(streams=[a_stream("imu")], tasks=[a_task("slam")], contexts=contexts), on_node("slam"))
+    story.take(Sample("imu", {"stamp": 7, "speed": 0.3}), at=0.0)
+    assert sentences(explain(story.planner, START), "slam")[-1] == f"Stream imu: heard 0 s ago; last value {shown}."

@@ -178,6 +178,29 @@ def test_changes_that_exclude_each_other_are_quoted_as_written():
     assert value == {"weight": 3, "suspend": True}
 
 
+def test_words_and_numbers_that_exclude_each_other_are_quoted_as_written():
+    activity = [{"score": 1, "scoreFrom": "1"}]
+    task = a_task("slam", protected=True, needs={"cores": 1, "enforce": "Suspend"}, activity=activity)
+    found = refused(tasks=[task])
+    assert repr(found["spec.tasks[0].needs.enforce"][0]) == "'Suspend'"
+    assert repr(found["spec.tasks[0].activity[0].score"][0]) == "1"
+
+
+def test_a_name_is_refused_where_none_is_declared():
+    assert refused(fallback="moving")["spec.fallback"] == ("moving", "no name, as none are declared")
+
+
+@pytest.mark.parametrize(
+    ("bounds", "allowed"),
+    [
+        ({"max": "5m"}, "at least 10m, the least that Linux can give to a container"),
+        ({"min": 2, "max": "500m"}, "at least min, 2"),
+    ],
+)
+def test_a_max_that_is_too_low_is_compared_with_what_it_is_below(bounds, allowed):
+    assert refused(tasks=[a_task("slam", **bounds)])["spec.tasks[0].max"] == (bounds["max"], allowed)
+
+
 def test_a_type_that_is_refused_is_quoted_as_written():
     value, _ = refused(streams=[a_stream("imu", type="foo")])["spec.streams[0].type"]
     assert value == "foo"

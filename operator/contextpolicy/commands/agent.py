@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import gc
 import logging
 import os
@@ -11,7 +12,6 @@ from typing import TYPE_CHECKING
 from contextpolicy.commands.termination import stop_on_signals
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Callable
 
     from contextpolicy.agent.agent_settings import AgentSettings
@@ -38,8 +38,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument(
         "--priority",
-        type=int,
-        choices=range(1, 100),
+        type=_priority,
         metavar="1..99",
         default=10,
         help="realtime priority of the tasks' threads (default: %(default)s)",
@@ -80,6 +79,12 @@ def main(arguments: argparse.Namespace) -> int:
         return 1
     _run(own, stop)
     return 1 if failed.is_set() else 0
+
+
+def _priority(text: str) -> int:
+    if text not in map(str, range(1, 100)):
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected an integer from 1 to 99")
+    return int(text)
 
 
 def _run(settings: AgentSettings, stop: threading.Event) -> None:

@@ -32,7 +32,7 @@ class CommandParser(argparse.ArgumentParser):
         super().__init__(**{"allow_abbrev": False, "formatter_class": HelpFormatter, **settings})
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
-        """Report unknown words here: argparse leaves them to the parser of all commands, whose usage would not help."""
+        """Report unknown words here: argparse leaves them to the parser of all commands, whose help would not help."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = (word.partition("=")[0] for word in unknown if word.startswith("-"))
@@ -41,18 +41,17 @@ class CommandParser(argparse.ArgumentParser):
         return found, unknown
 
     def error(self, message: str) -> NoReturn:
-        """Usage and message, as wide as the terminal, and exit code 2."""
-        text, width = f"{self.prog}: error: {message}", columns(sys.stderr)
-        lines = textwrap.wrap(text, width, **_WORDS) if width else [text]
-        self.print_usage(sys.stderr)
-        self.exit(FAILED, "\n".join([*lines, ""]))
+        """The message and where to find help, as wide as the terminal, and exit code 2."""
+        lines, width = [f"{self.prog}: error: {message}", f"Try '{self.prog} --help'."], columns(sys.stderr)
+        wrapped = (textwrap.fill(line, width, **_WORDS) if width else line for line in lines)
+        self.exit(FAILED, "".join(f"{line}\n" for line in wrapped))
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
             return
         meant = _meant(value, map(str, action.choices))
         if action.nargs == argparse.PARSER:
-            self.error(f"unknown command {value!r}{meant or '.'} See {self.prog} --help")
+            self.error(f"unknown command {value!r}{meant}")
         listed = ", ".join(map(str, action.choices))
         raise argparse.ArgumentError(action, f"invalid choice: {value!r}, expected one of {listed}{meant}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
 LONGEST_VALUE = 120
+
+_PUBLISHED = "stamp"
+"""The field that robotkit and the player of timelines add to an object: when it was published, no sensor's reading."""
 
 
 def sentences(explanation: Mapping[str, Any], task: str) -> list[str]:
@@ -262,8 +266,17 @@ def _readings(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> Iterato
             yield f"Stream {name} ({stream['key']}) has not been heard."
             continue
         silent = ", silent for too long, so its value does not count" if stream["silent"] else ""
-        value = _shown({**(stream["value"] or {}), **stream["features"]})
+        value = _shown(_fields(stream, [reader for reader in readers if name in reader["streams"]]))
         yield f"Stream {name}: heard {stream['age']:.3g} s ago{silent}; last value {value}."
+
+
+def _fields(stream: Mapping[str, Any], readers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """A stream's value; when it was published only if a reader's expression has that field."""
+    fields = dict(stream["value"] or {})
+    expressions = (reader.get(name) or "" for reader in readers for name in ("when", "until", "scoreFrom"))
+    if not any(re.search(rf"\b{_PUBLISHED}\b", one) for one in expressions):
+        fields.pop(_PUBLISHED, None)
+    return {**fields, **stream["features"]}
 
 
 def _shown(value: object) -> str:

@@ -35,4 +35,5 @@ def excess(expression: str) -> str:
     Zenoh tries every way to divide a key among several `**`, so that one long key, which any sender may choose, would
     keep it busy forever.
     """
-    return "`**` may occur once" if expression.split("/").count("**") > 1 else ""
+    several = expression.split("/").count("**") > 1
+    return "`**` may occur once, as long keys would take too long to match" if several else ""

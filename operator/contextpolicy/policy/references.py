@@ -168,7 +168,8 @@ def _context_cycle(policy: Policy) -> Iterator[Finding]:
 
 def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
     if name not in names:
-        yield Finding(field, name, _list(names) + did_you_mean(name, names))
+        allowed = _list(names) + did_you_mean(name, names) if any(names) else "no name, as none are declared"
+        yield Finding(field, name, allowed)
 
 
 def _list(names: Iterable[str]) -> str:

@@ -78,6 +78,6 @@ def _feature(fields: Fields) -> Feature:
     if result.over <= 0:
         fields.refuse("over", fields.raw("over"), "a duration above 0")
     if result.of is None and result.op not in (FeatureOp.RATE, FeatureOp.COUNT):
-        fields.refuse("of", None, f"a CEL number, which {result.op} needs")
+        fields.refuse("of", None, "a CEL number, which mean, min and max need")
     fields.close()
     return result

@@ -12,21 +12,24 @@ from contextpolicy.policy.selectors import read_selector
 if TYPE_CHECKING:
     from contextpolicy.policy.fields import Fields
 
+LEAST = 10
+"""Thousandths of a core: no container can have less."""
+
 
 def parse_task(fields: Fields) -> policy.Task:
     """Read an entry of `spec.tasks`; the fields hold what is wrong with it."""
     name = fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED)
     activity = tuple(_activity(item) for item in fields.nested_list("activity", limit=16))
-    priority, minimum = fields.number("priority", most=LARGEST_WEIGHT), fields.cpu("min")
+    priority = fields.number("priority", most=LARGEST_WEIGHT)
     result = policy.Task(
         name=name,
         selector=read_selector(fields.nested("selector")) if "selector" in fields else fields.raw("selector"),
         container=fields.text("container", name),
         priority=1.0 if priority is None else priority,
         idle=fields.number("idle", most=LARGEST_WEIGHT),
-        min=max(10, minimum or 0),
+        min=max(LEAST, fields.cpu("min") or 0),
         max=fields.cpu("max"),
-        suspended_cpu=max(10, fields.cpu("suspendedCpu") or 0),
+        suspended_cpu=max(LEAST, fields.cpu("suspendedCpu") or 0),
         needs=_needs(fields.nested("needs")),
         activity=activity,
         requires=tuple(_requirement(item) for item in fields.nested_list("requires", limit=16)),
@@ -37,7 +40,7 @@ def parse_task(fields: Fields) -> policy.Task:
         required=fields.flag("required"),
     )
     _check_kind(fields, result)
-    _check_bounds(fields, result, minimum or 10)
+    _check_bounds(fields, result)
     _check_protection(fields, result)
     fields.close()
     return result
@@ -55,11 +58,14 @@ def _check_kind(fields: Fields, task: policy.Task) -> None:
                 fields.refuse(group_less, fields.raw(group_less), allowed)
 
 
-def _check_bounds(fields: Fields, task: policy.Task, minimum: int) -> None:
-    """`minimum` is `min` as it is written."""
-    if task.max is not None and not task.min <= task.max:
-        fields.refuse("max", fields.raw("max"), f"at least min ({minimum}m) and at least 10m")
-    elif task.max is not None and task.max < task.suspended_cpu:
+def _check_bounds(fields: Fields, task: policy.Task) -> None:
+    if task.max is None:
+        return
+    if task.max < LEAST:
+        fields.refuse("max", fields.raw("max"), f"at least {LEAST}m, the least that Linux can give to a container")
+    elif task.max < task.min:
+        fields.refuse("max", fields.raw("max"), f"at least min, {fields.raw('min')}")
+    elif task.max < task.suspended_cpu:
         fields.refuse("suspendedCpu", fields.raw("suspendedCpu"), "at most max")
 
 
@@ -68,7 +74,7 @@ def _check_protection(fields: Fields, task: policy.Task) -> None:
         allowed = "true on a task in a container: protect the subtasks that need it"
         fields.refuse("protected", fields.raw("protected"), allowed)
     if task.protected and task.needs.enforce is activities.Enforce.SUSPEND:
-        fields.refuse("needs.enforce", task.needs.enforce, "Report: a protected task is never suspended")
+        fields.refuse("needs.enforce", task.needs.enforce.value, "Report: a protected task is never suspended")
 
 
 def _needs(fields: Fields) -> activities.Needs:
@@ -96,7 +102,7 @@ def _activity(fields: Fields) -> activities.Activity:
         arguments=fields.string_map("with"),
     )
     if "scoreFrom" in fields and "score" in fields:
-        fields.refuse("score", score, "either score or scoreFrom, not both")
+        fields.refuse("score", fields.raw("score"), "either score or scoreFrom, not both")
     if result.until is not None and result.initiative is not None:
         fields.refuse("until", result.until, "no until with initiative: the function decides when its score ends")
     fields.close()

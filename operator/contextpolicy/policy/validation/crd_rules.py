@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from contextpolicy.errors import Fault, Finding
+from contextpolicy.errors import Finding
 from contextpolicy.policy import cel_cost, cel_syntax
 from contextpolicy.policy.lean_cel import cel
 from contextpolicy.policy.quantities import parse_cpu
@@ -21,7 +21,20 @@ class Rule(NamedTuple):
     value: Any
     source: str
     name: str
-    message: str
+    allowed: str
+
+    @property
+    def field(self) -> str:
+        """Where a violation is reported."""
+        return _inner(self.path, self.name)
+
+    @property
+    def found(self) -> Any:
+        """What is there; None if nothing is."""
+        found = self.value
+        for step in filter(None, self.name.split(".")):
+            found = found.get(step) if isinstance(found, dict) else None
+        return found
 
 
 def findings(stored: Mapping[str, Any], schema: Mapping[str, Any], reported: Collection[str]) -> Iterator[Finding]:
@@ -38,8 +51,7 @@ def findings(stored: Mapping[str, Any], schema: Mapping[str, Any], reported: Col
         except (ValueError, TypeError, RuntimeError, ArithmeticError, LookupError):
             holds = any(_is_within(field, rule.path) for field in reported)
         if not holds:
-            value = rule.value.get(rule.name) if rule.name else rule.value
-            yield Finding(_inner(rule.path, rule.name), value, rule.message, Fault.RULE)
+            yield Finding(rule.field, rule.found, rule.allowed)
 
 
 def rules(value: Any, node: Mapping[str, Any], path: str = "") -> Iterator[Rule]:
@@ -50,7 +62,8 @@ def rules(value: Any, node: Mapping[str, Any], path: str = "") -> Iterator[Rule]
             yield from rules(item, node.get("items", {}), f"{path}[{index}]")
     elif isinstance(value, dict):
         for rule in node.get("x-kubernetes-validations", ()):
-            yield Rule(path, value, rule["rule"], rule.get("fieldPath", "").removeprefix("."), rule["message"])
+            name, allowed = rule.get("fieldPath", "").removeprefix("."), rule["message"].removeprefix("expected ")
+            yield Rule(path, value, rule["rule"], name, allowed)
         known, other = node.get("properties", {}), node.get("additionalProperties", {})
         for name, inner in value.items():
             yield from rules(inner, known.get(name, other), _inner(path, name))
