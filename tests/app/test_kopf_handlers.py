@@ -97,7 +97,8 @@ def test_kopf_recognises_an_edit(edited, differs):
 
 def test_a_copy_is_not_taken_for_handled():
     """Of a policy that was exported: it has the annotation of the object that it was copied from."""
-    body = {"metadata": {"name": "robot", "uid": "one", "annotations": {}}, "spec": {"reserve": "1"}}
-    copy = {**body, "metadata": {**body["metadata"], "uid": "other", "annotations": stored(body)}}
+    metadata = {"name": "robot", "uid": "one", "annotations": {}}
+    body = {"metadata": metadata, "spec": {"reserve": "1"}}
+    copy = {**body, "metadata": {**metadata, "uid": "other", "annotations": stored(body)}}
     handled = f"{GROUP}/last-handled-configuration"
     assert stored(copy)[handled] != stored(body)[handled]
