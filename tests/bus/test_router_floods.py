@@ -18,7 +18,7 @@ from contextpolicy.bus.session import open_router, open_visitor
 from tests.bus.deaf import deaf_client, without_shared_memory
 from tests.bus.hearing import Heard
 from tests.ports import free_port
-from tests.waiting import PATIENCE
+from tests.waiting import PATIENCE, until
 
 LARGEST = 1 << 20
 FRAME, FRAMES = bytes(LARGEST - 1024), 10
@@ -116,17 +116,24 @@ def query(client, senders, deaf, pool):
 
 
 def reply(client, senders, deaf, pool):
-    """Reply to the client's queries."""
+    """Reply to the client's queries, which it sends before it stops to read."""
 
-    def flood(sender, number):
-        with sender.declare_queryable(f"robot/camera/{number}") as questions:
-            client.get(f"robot/camera/{number}", lambda _: None, timeout=PATIENCE, congestion_control=BLOCK)
-            with questions.recv() as question:
-                deaf.wait(PATIENCE)
-                for _ in range(FRAMES):
-                    question.reply(question.key_expr, FRAME)
+    def asked(sender, number):
+        key = f"robot/camera/{number}"
+        questions = sender.declare_queryable(key)
+        with client.declare_querier(key) as querier:
+            until(lambda: querier.matching_status.matching)
+        client.get(key, lambda _: None, timeout=PATIENCE, congestion_control=BLOCK)
+        return questions, questions.recv()
 
-    return [pool.submit(flood, sender, number) for number, sender in enumerate(senders)]
+    def flood(questions, question):
+        deaf.wait(PATIENCE)
+        with questions, question:
+            for _ in range(FRAMES):
+                question.reply(question.key_expr, FRAME)
+
+    received = [asked(sender, number) for number, sender in enumerate(senders)]
+    return [pool.submit(flood, *one) for one in received]
 
 
 FLOODS = {"samples": put("robot/camera"), "latched samples": put("robot/camera/@adv/pub/x"), "queries": query}
