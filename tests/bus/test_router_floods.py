@@ -14,6 +14,7 @@ from threading import Event
 import pytest
 import zenoh
 
+from contextpolicy.bus import session
 from contextpolicy.bus.session import open_router, open_visitor
 from tests.bus.deaf import deaf_client, without_shared_memory
 from tests.bus.hearing import Heard
@@ -139,7 +140,15 @@ def reply(client, senders, deaf, pool):
 FLOODS = {"samples": put("robot/camera"), "latched samples": put("robot/camera/@adv/pub/x"), "queries": query}
 
 
-@pytest.mark.usefixtures("router")
+@pytest.fixture
+def patient_router(port, monkeypatch):
+    """Where it waits for a client that does not read, it does so until the test has failed."""
+    monkeypatch.setattr(session, "CLOSE_AFTER", 2 * PATIENCE)
+    with open_router([f"tcp/127.0.0.1:{port}"]):
+        yield
+
+
+@pytest.mark.usefixtures("patient_router")
 @pytest.mark.parametrize("flood", [*FLOODS.values(), reply], ids=[*FLOODS, "replies"])
 def test_a_client_that_does_not_read_delays_no_other_client(port, flood):
     """Queries, replies and latched topics made the router wait for it, and all others for the router, for 5 to 10 s.
