@@ -199,7 +199,7 @@ class StereoSlam:
             return Pose(world_from_body, 0, State.LOST, is_keyframe=False)
         inliers = fixes[0].inliers if fixes else len(reference)  # a new start is where it is by definition
         covariance = fixes[0].covariance_in_map if fixes else reference.covariance
-        why = doubt(fixes[0]) if fixes else reference.doubt
+        why = doubt(fixes[0], float(np.linalg.norm(world_from_body[:3, 3]))) if fixes else reference.doubt
         state = State.ADRIFT if reference.segment else State.DEGRADED if why else State.TRACKING
         in_world = turned(carried(covariance, body_from_camera), world_from_body)
         if fixes:

@@ -20,10 +20,11 @@ VAGUE = 0.05
 MOST_OFFSET = 2.5
 """Pixels of offset beyond which the right camera is not where the calibration says."""
 UNCORRECTED, LEAST_OFFSET = 0.5, 0.03
-"""The part of the corrected offset that may be wrong at any place (on a highway whose calibration was off by 0.9 px it
-seemed to be 0.7 px here and 1.1 px there, and lenses err too), and the pixels below which it is never known."""
-MOST_SCALE_SPREAD = 0.01
-"""Standard deviation of the scale, metres for each metre of distance, from which a pose is doubted."""
+"""The part of the offset that may be wrong at any place (on a highway whose calibration was off by 0.9 px it seemed to
+be 0.7 px here and 1.1 px there, and lenses err too), and the pixels below which it is never known."""
+MOST_SCALE_SPREAD, NEAR = 0.01, 1.0
+"""Standard deviation of the scale, metres for each metre of distance, from which a pose is doubted; and the metres
+from where the map begins, within which it may be as much as there."""
 MATCHING = 0.5
 """The part of the landmarks whose distance, measured again in a new keyframe, must be what the movement makes of it."""
 
@@ -32,8 +33,8 @@ MATCHED = 0.3
 pictures were identical, 0.09 where the right ones were 8 pixels too low."""
 
 
-def doubt(fix: Fix) -> str | None:
-    """Why this pose may be wrong; None where nothing speaks against it."""
+def doubt(fix: Fix, distance: float) -> str | None:
+    """Why this pose, at this distance from where the map begins, may be wrong; None where nothing speaks against it."""
     reasons = (
         (fix.inliers < FEW, "few landmarks"),
         (fix.inliers < AGREEING * fix.tried, "landmarks disagree"),
@@ -41,14 +42,16 @@ def doubt(fix: Fix) -> str | None:
         (abs(fix.offset.pixels) > MOST_OFFSET, "cameras disagree"),
         (_vagueness(fix) > VAGUE, "view says too little"),
         (fix.keyframe.doubt is not None, fix.keyframe.doubt),
-        (scale_spread(fix) > MOST_SCALE_SPREAD, "scale uncertain"),
+        (scale_spread(fix) * distance > MOST_SCALE_SPREAD * max(distance, NEAR), "scale uncertain"),
     )
     return next((reason for holds, reason in reasons if holds), None)
 
 
 def scale_spread(fix: Fix) -> float:
     """How uncertain the scale of distances is (standard deviation, as a part): all disparities share their offset."""
-    return float(np.hypot(LEAST_OFFSET, UNCORRECTED * fix.keyframe.offset) / fix.disparity)
+    found = fix.offset
+    wrong = UNCORRECTED * found.pixels
+    return float(np.hypot(max(found.spread, LEAST_OFFSET), wrong) / fix.disparity)
 
 
 def _vagueness(fix: Fix) -> float:

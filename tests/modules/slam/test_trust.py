@@ -16,6 +16,7 @@ from modules.slam.geometry import floats, transform
 from modules.slam.refinement import Offset
 from modules.slam.slam import State, StereoSlam
 from modules.slam.tracking import Fix
+from modules.slam.trajectory import load
 from modules.slam.trust import depth_doubt, doubt, scale_spread, stereo_doubt
 from tests.modules.slam.recording import pictures, slam, track
 from timelines.datasets import euroc as generator
@@ -67,10 +68,11 @@ def test_a_camera_that_was_knocked_is_not_trusted(frames, shift):
     assert sum(pose.state is State.TRACKING for pose in poses[10:]) <= 4
 
 
-def fix(spread=0.01, offset=0.0, why=None, corrected=0.0, **changes):
-    keyframe: Any = SimpleNamespace(points=np.full((3, 3), 2.0), doubt=why, offset=corrected)
+def fix(spread=0.01, offset=0.0, unsure=0.0, why=None, **changes):
+    keyframe: Any = SimpleNamespace(points=np.full((3, 3), 2.0), doubt=why)
     values = {"inliers": 200, "tried": 250, "misfit": 1.0, "disparity": 20.0} | changes
-    return Fix(keyframe, np.eye(4), covariance=np.eye(6) * spread**2, offset=Offset(offset), **values)
+    found = Offset(offset, unsure)
+    return Fix(keyframe, np.eye(4), covariance=np.eye(6) * spread**2, offset=found, **values)
 
 
 @pytest.mark.parametrize(
@@ -83,15 +85,20 @@ def fix(spread=0.01, offset=0.0, why=None, corrected=0.0, **changes):
         ({"spread": 0.2}, "view says too little"),
         ({"offset": -trust.MOST_OFFSET - 0.1}, "cameras disagree"),
         ({"why": "cameras disagree"}, "cameras disagree"),
-        ({"corrected": -0.2}, None),
-        ({"corrected": -0.9}, "scale uncertain"),
-        ({"corrected": -0.9, "disparity": 60.0}, None),
-        ({"corrected": -0.2, "disparity": 8.0}, "scale uncertain"),
+        ({"offset": -0.2}, None),
+        ({"offset": -0.9}, "scale uncertain"),
+        ({"offset": -0.9, "disparity": 60.0}, None),
+        ({"offset": -0.2, "disparity": 8.0}, "scale uncertain"),
+        ({"unsure": 0.5}, "scale uncertain"),
         ({"disparity": 2.0}, "scale uncertain"),
     ],
 )
 def test_a_pose_is_doubted_for_one_of_these(changes, why):
-    assert doubt(fix(**changes)) == why
+    assert doubt(fix(**changes), 5.0) == why
+
+
+def test_the_scale_is_not_doubted_where_it_makes_less_than_a_centimetre():
+    assert [doubt(fix(unsure=0.5), metres) for metres in (0.0, 0.39, 0.41)] == [None, None, "scale uncertain"]
 
 
 def test_cameras_disagree_when_few_corners_have_a_depth():
@@ -100,9 +107,17 @@ def test_cameras_disagree_when_few_corners_have_a_depth():
 
 
 def test_scale_uncertainty_follows_the_disparities_of_landmarks():
-    assert scale_spread(fix(corrected=-1.0)) == pytest.approx(0.025, rel=0.01)
-    assert scale_spread(fix(corrected=-1.0, disparity=10.0)) == pytest.approx(0.05, rel=0.01)
+    assert scale_spread(fix(offset=-1.0)) == pytest.approx(0.025, rel=0.01)
+    assert scale_spread(fix(offset=-1.0, disparity=10.0)) == pytest.approx(0.05, rel=0.01)
     assert scale_spread(fix()) == pytest.approx(trust.LEAST_OFFSET / 20)
+
+
+def test_scale_uncertainty_follows_what_is_known_of_the_offset():
+    assert scale_spread(fix(unsure=0.5)) == pytest.approx(0.025)
+
+
+def deviation(pose):
+    return np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])
 
 
 def knocked(pixels):
@@ -114,6 +129,22 @@ def test_a_camera_slightly_turned_is_corrected_but_its_scale_is_uncertain(frames
     poses = run([knocked(1.5)(*pair) for pair in frames])
     assert {pose.doubt for pose in poses[-15:]} == {"scale uncertain"}
     assert {pose.doubt for pose in run(frames)} == {None}
+
+
+@pytest.mark.parametrize("pixels", [-1.5, 0, 1.5])
+def test_the_published_deviation_covers_the_error_from_the_first_step_on(short, frames, pixels):
+    truth = load(short)
+    places = truth.positions[np.searchsorted(truth.stamps, [stamp for stamp, *_ in pictures(short)])]
+    poses = run([knocked(pixels)(*pair) for pair in frames])
+    for place, pose in zip(places, poses, strict=True):
+        error = np.linalg.norm(position(pose)) - np.linalg.norm(place - places[0])
+        assert abs(error) <= max(2 * deviation(pose), 1e-4)
+
+
+def test_the_published_deviation_shrinks_as_the_offset_becomes_known(frames):
+    poses = run(frames)
+    first, last = (deviation(poses[number]) / np.linalg.norm(position(poses[number])) for number in (8, -1))
+    assert (first > 0.03, last < 0.006) == (True, True)
 
 
 @pytest.mark.parametrize("pixels", [-8, -4, -2, 2, 4, 8])
