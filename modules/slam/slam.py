@@ -20,7 +20,7 @@ from modules.slam.keyframes import has_moved
 from modules.slam.loop_closing import LoopCloser
 from modules.slam.map import Map
 from modules.slam.places import Places
-from modules.slam.refinement import Offset, turn_shifts
+from modules.slam.refinement import turn_shifts
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker
 from modules.slam.trust import depth_doubt, doubt, scale_spread, stereo_doubt
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 CAPACITY = 1000
 """Keyframes that are remembered; each takes about 70 kB."""
-OFFSET_WALK = 0.03
-"""Pixels (standard deviation) below which the offset of disparities is never taken for known."""
 PATIENCE = 10
 """Pictures without a known place after which a lost camera starts over."""
 BESIDE = 2
@@ -181,14 +179,14 @@ class StereoSlam:
         """Correct the best fix by the second picture, or return why the two cameras contradict each other."""
         if not fixes:
             return None
-        confirmed = self._tracker.confirm(fixes[0], picture, beside)
+        confirmed, known = self._tracker.confirm(fixes[0], picture, beside), self._tracker.offset
         why = stereo_doubt(fixes[0], confirmed)
         if confirmed is None or why is not None:
-            self._tracker.offset = Offset(self._tracker.offset.pixels)  # may have changed: learn it again
+            self._tracker.offset = known.forgotten()  # may have changed: learn it again
             return why
         fixes[0] = confirmed
         self._reference_from_camera = confirmed.keyframe_from_camera
-        self._tracker.offset = Offset(confirmed.offset.pixels, max(confirmed.offset.spread, OFFSET_WALK))
+        self._tracker.offset = known.learned(confirmed.offset)
         return None
 
     def _pose(self, fixes: list[Fix], *, is_keyframe: bool) -> Pose:
