@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modules.slam.features import MIN_DISPARITY, Picture, measure
+from modules.slam.features import MIN_DISPARITY, Picture, balanced, measure
 from modules.slam.geometry import inverse
 from modules.slam.keyframes import has_moved
 from modules.slam.loop_closing import LoopCloser
@@ -97,12 +97,16 @@ class StereoSlam:
 
     def track(self, left: Image, right: Callable[[], Image]) -> Pose:
         """Take a pair of raw pictures; the right one is asked for only when it is needed, for a new keyframe."""
-        picture = Picture(self._rectifier.left(left), self.effort.features)
+        rectified = self._rectifier.left(left)
+        picture = Picture(rectified, self.effort.features)
         fixes = self._locate(picture)
-        beside = Picture(self._rectifier.right(right()), self.effort.features) if self._is_needed(fixes) else None
+        beside = self._beside(right(), rectified) if self._is_needed(fixes) else None
         self._follow(fixes)
         kept = beside is not None and self._keep(picture, beside, fixes)
         return self._pose(fixes, is_keyframe=kept)
+
+    def _beside(self, right: Image, left: Image) -> Picture:
+        return Picture(balanced(self._rectifier.right(right), left), self.effort.features)
 
     def close_loop(self) -> bool:
         """Look for a loop, in spare time; returns whether one was closed."""

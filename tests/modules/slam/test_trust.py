@@ -43,6 +43,13 @@ def test_little_light_is_enough(frames):
     assert position(dark[-1]) == pytest.approx(position(bright[-1]), abs=0.1)
 
 
+@pytest.mark.parametrize("gain", [0.5, 0.77, 1.3])
+def test_cameras_of_unequal_brightness_agree(frames, gain):
+    unequal = run([(left, cv2.convertScaleAbs(right, alpha=gain)) for left, right in frames])
+    assert {pose.state for pose in unequal} == {State.TRACKING}
+    assert position(unequal[-1]) == pytest.approx(position(run(frames)[-1]), abs=0.01)
+
+
 def test_the_same_picture_twice_has_no_depth(frames):
     poses = run([(left, left) for left, _ in frames[:5]])
     assert {pose.state for pose in poses} == {State.LOST}
