@@ -29,6 +29,10 @@ OUTLIER, CAUCHY = 3.5, 2.0
 OFFSET_NOISE = 0.5
 """Pixels (standard deviation) by which calibrations are wrong: the right camera turned by 0.04 degrees. KITTI's are
 (Cvišić et al., Recalibrating the KITTI dataset camera setup for improved odometry accuracy, ECMR 2021)."""
+LEAST_SPREAD = 0.03
+"""Pixels (standard deviation) below which the offset of disparities is never taken for known."""
+FADING = 0.7
+"""The part that is left, a keyframe later, of what the offset moved by."""
 ROUNDS, ENOUGH = 5, 1e-3
 MIN_DEPTH, MIN_DISPARITY = 1e-3, 1e-3
 
@@ -39,7 +43,18 @@ class Offset:
 
     pixels: float = 0.0
     spread: float = OFFSET_NOISE
-    """Standard deviation."""
+    """Standard deviation, if all that is wrong is noise and the offset."""
+    moved: float = 0.0
+    """Pixels by which it moved from keyframe to keyframe, lately."""
+
+    def learned(self, found: Offset) -> Offset:
+        """What is known after one more keyframe."""
+        moved = max(FADING * self.moved, abs(found.pixels - self.pixels))
+        return Offset(found.pixels, max(found.spread, LEAST_SPREAD), moved)
+
+    def forgotten(self) -> Offset:
+        """What is known when the right camera may have moved."""
+        return Offset(self.pixels, moved=self.moved)
 
 
 def turn_shifts(matrix: Floats, pixels: Floats) -> Floats:
@@ -103,7 +118,7 @@ class Refiner:
         freedom = (2 + np.isfinite(sightings.seen_disparities[fits])).sum()
         misfit = float(np.sqrt((system.distances[fits] ** 2).sum() / freedom)) if fits.any() else np.inf
         covariance = floats(np.linalg.pinv(system.solved()[2], hermitian=True)) * max(1.0, misfit**2)
-        found = Offset(float(offset), float(np.sqrt(covariance[6, 6])))
+        found = Offset(float(offset), float(np.sqrt(covariance[6, 6])), sightings.offset.moved)
         return Fitted(inverse(pose), covariance[:6, :6], fits, misfit, found)
 
     def _linearised(self, sightings: Sightings, pose: Floats, disparities: Floats, offset: float) -> _System:

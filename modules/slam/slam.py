@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modules.slam.features import MIN_DISPARITY, Picture, measure
+from modules.slam.features import MIN_DISPARITY, Picture, balanced, measure
 from modules.slam.geometry import inverse
 from modules.slam.keyframes import has_moved
 from modules.slam.loop_closing import LoopCloser
 from modules.slam.map import Map
 from modules.slam.places import Places
-from modules.slam.refinement import Offset, turn_shifts
+from modules.slam.refinement import turn_shifts
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker
 from modules.slam.trust import depth_doubt, doubt, scale_spread, stereo_doubt
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 CAPACITY = 1000
 """Keyframes that are remembered; each takes about 70 kB."""
-OFFSET_WALK = 0.03
-"""Pixels (standard deviation) below which the offset of disparities is never taken for known."""
 PATIENCE = 10
 """Pictures without a known place after which a lost camera starts over."""
 BESIDE = 2
@@ -99,12 +97,16 @@ class StereoSlam:
 
     def track(self, left: Image, right: Callable[[], Image]) -> Pose:
         """Take a pair of raw pictures; the right one is asked for only when it is needed, for a new keyframe."""
-        picture = Picture(self._rectifier.left(left), self.effort.features)
+        rectified = self._rectifier.left(left)
+        picture = Picture(rectified, self.effort.features)
         fixes = self._locate(picture)
-        beside = Picture(self._rectifier.right(right()), self.effort.features) if self._is_needed(fixes) else None
+        beside = self._beside(right(), rectified) if self._is_needed(fixes) else None
         self._follow(fixes)
         kept = beside is not None and self._keep(picture, beside, fixes)
         return self._pose(fixes, is_keyframe=kept)
+
+    def _beside(self, right: Image, left: Image) -> Picture:
+        return Picture(balanced(self._rectifier.right(right), left), self.effort.features)
 
     def close_loop(self) -> bool:
         """Look for a loop, in spare time; returns whether one was closed."""
@@ -181,14 +183,14 @@ class StereoSlam:
         """Correct the best fix by the second picture, or return why the two cameras contradict each other."""
         if not fixes:
             return None
-        confirmed = self._tracker.confirm(fixes[0], picture, beside)
+        confirmed, known = self._tracker.confirm(fixes[0], picture, beside), self._tracker.offset
         why = stereo_doubt(fixes[0], confirmed)
         if confirmed is None or why is not None:
-            self._tracker.offset = Offset(self._tracker.offset.pixels)  # may have changed: learn it again
+            self._tracker.offset = known.forgotten()  # may have changed: learn it again
             return why
         fixes[0] = confirmed
         self._reference_from_camera = confirmed.keyframe_from_camera
-        self._tracker.offset = Offset(confirmed.offset.pixels, max(confirmed.offset.spread, OFFSET_WALK))
+        self._tracker.offset = known.learned(confirmed.offset)
         return None
 
     def _pose(self, fixes: list[Fix], *, is_keyframe: bool) -> Pose:
@@ -199,7 +201,7 @@ class StereoSlam:
             return Pose(world_from_body, 0, State.LOST, is_keyframe=False)
         inliers = fixes[0].inliers if fixes else len(reference)  # a new start is where it is by definition
         covariance = fixes[0].covariance_in_map if fixes else reference.covariance
-        why = doubt(fixes[0]) if fixes else reference.doubt
+        why = doubt(fixes[0], float(np.linalg.norm(world_from_body[:3, 3]))) if fixes else reference.doubt
         state = State.ADRIFT if reference.segment else State.DEGRADED if why else State.TRACKING
         in_world = turned(carried(covariance, body_from_camera), world_from_body)
         if fixes:

@@ -59,6 +59,8 @@ class Fix:
     disparity: float = np.inf
     """Mean in pixels, by itself weighted, as near landmarks say most of how far the camera went."""
     offset: Offset = field(default_factory=Offset)
+    noise: float = PIXEL_NOISE
+    """Standard deviation in pixels of where the landmarks were seen."""
     rows: Indices = field(default_factory=lambda: np.empty(0, np.intp))
     seen: Floats = field(default_factory=lambda: np.empty((0, 2)))
 
@@ -168,9 +170,9 @@ class Tracker:
         start = _perspective(keyframe.points[rows], seen, self._matrix)
         if start is None:
             return None
-        return self._fit(Fix(keyframe, start, 0, tried=tried, rows=rows, seen=seen), noise=noise)
+        return self._fit(Fix(keyframe, start, 0, tried=tried, noise=noise, rows=rows, seen=seen))
 
-    def _fit(self, fix: Fix, disparities: Floats | None = None, noise: float = PIXEL_NOISE) -> Fix | None:
+    def _fit(self, fix: Fix, disparities: Floats | None = None) -> Fix | None:
         points = fix.keyframe.points[fix.rows]
         pixels, corrected = self._pixels(points), self._disparity_metres / points[:, 2]
         sightings = Sightings(
@@ -178,7 +180,7 @@ class Tracker:
             corrected + fix.keyframe.offset * turn_shifts(self._matrix, pixels),
             fix.seen,
             np.full(len(points), np.nan) if disparities is None else disparities,
-            noise,
+            fix.noise,
             self.offset,
         )
         fitted = self._refiner.fit(sightings, fix.keyframe_from_camera)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from modules.slam.features import Picture, measure
+from modules.slam.features import MOST_GAIN, Picture, balanced, measure
 
 NEAR, FAR = 24.4, 7.7
 
@@ -34,6 +34,19 @@ def test_disparities_are_exact_to_a_part_of_a_pixel():
         assert len(known) > 0.6 * half.sum()
         assert np.median(known) == pytest.approx(disparity, abs=0.05)
         assert (np.abs(known - disparity) < 0.5).mean() > 0.95
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.3])
+def test_disparities_do_not_depend_on_how_bright_the_second_picture_is(gain):
+    left, right = pair()
+    brighter = Picture(balanced(cv2.convertScaleAbs(right.image, alpha=gain), left.image), 400)
+    same, other = measure(left, right), measure(left, brighter)
+    assert (np.isfinite(other) == np.isfinite(same)).mean() > 0.9
+    assert np.nanmedian(np.abs(other - same)) < 0.05
+
+
+def test_a_picture_without_light_stays_dark():
+    assert balanced(np.full((48, 64), 1, np.uint8), wall()).max() == MOST_GAIN
 
 
 @pytest.mark.parametrize("wrong", [{"near": 0, "far": 0}, {"near": -6, "far": -6}, {"rows": 8}])

@@ -87,6 +87,18 @@ def test_after_blank_pictures_and_a_jump_the_robot_is_found_again(frames, poses)
         assert position(pose) == pytest.approx(position(poses[index][1]), abs=0.03)
 
 
+def test_landmarks_found_by_features_are_trusted_as_they_are_seen(frames):
+    module = slam()
+    reported = []
+    for _, left, right in frames:
+        reported.append(track(module, left, right))
+        for keyframe in module.map.keyframes.values():
+            keyframe.image = None
+    assert sum(pose.is_keyframe for pose in reported) > 5
+    assert {pose.doubt for pose in reported} == {None}
+    assert min(pose.inliers for pose in reported) > 350
+
+
 def test_in_an_unknown_place_it_restarts_until_it_sees_the_old_one(frames, tmp_path):
     euroc.write(tmp_path, euroc.Sequence(Motion(0.1, ()), seed=8), progress=lambda _: None)
     ((_, *elsewhere),) = pictures(tmp_path)
