@@ -117,7 +117,12 @@ def test_cancelled_timers_are_freed_after_a_burst(loop):
 
 def test_looking_for_cancelled_timers_costs_little_per_action(loop, monkeypatch):
     looked, tidy = [], Loop._tidy
-    monkeypatch.setattr(Loop, "_tidy", lambda self, number: (looked.append(number), tidy(self, number)))
+
+    def look(*arguments):
+        looked.append(arguments)
+        tidy(*arguments)
+
+    monkeypatch.setattr(Loop, "_tidy", look)
     for _ in range(20 * FEW):
         loop.schedule_relative(3600, Reminder())
     settle(loop)
