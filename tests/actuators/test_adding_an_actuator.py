@@ -1,18 +1,13 @@
-"""A new actuator is one file and its line in the wiring; its mode is a row of the table of modes: tried in a copy."""
+"""A new actuator is one file and its line in the wiring, its mode a row and a word of the definition: in a copy."""
 
 from __future__ import annotations
 
 import ast
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-PACKAGE = ROOT / "operator/contextpolicy"
+from tests.architecture.source_code import PACKAGE
+from tests.copied_sources import DEFINITION, Copy
 
 ACTUATOR = """
 class Noting:
@@ -38,15 +33,15 @@ class Noting:
     def forget(self, uid):
         self.calls.append("forget")
 """
-CHANGES = {
-    "app/wiring.py": {
-        "from contextpolicy.actuators.dry_run import DryRun\n": "from contextpolicy.actuators.dry_run import DryRun\n"
-        "from contextpolicy.actuators.noting import Noting\n",
-        "Mode.DRY_RUN: DryRun()": "Mode.DRY_RUN: DryRun(), Mode.NOTING: Noting()",
-    },
-    "policy/spec.py": {"    PAUSED = (": '    NOTING = ("Noting", True, True)\n    PAUSED = ('},
+NEW = "operator/contextpolicy/actuators/noting.py"
+WIRING = "operator/contextpolicy/app/wiring.py"
+DRY_RUN = "from contextpolicy.actuators.dry_run import DryRun\n"
+IMPORT = {WIRING: (DRY_RUN, f"{DRY_RUN}from contextpolicy.actuators.noting import Noting\n")}
+REGISTRATION = {WIRING: ("Mode.DRY_RUN: DryRun()", "Mode.DRY_RUN: DryRun(), Mode.NOTING: Noting()")}
+MODE = {
+    "operator/contextpolicy/policy/spec.py": ("    PAUSED = (", '    NOTING = ("Noting", True, True)\n    PAUSED = ('),
+    DEFINITION: ("enum: [Enforce, DryRun, Paused]", "enum: [Enforce, DryRun, Paused, Noting]"),
 }
-"""What a developer changes besides the new file and the value in the resource's definition."""
 STORY = """
 from contextpolicy.policy.spec import Mode
 from tests.cluster.builders import a_pod
@@ -90,36 +85,37 @@ for entry in robot.operator._policies._registry.present.values():
 """Two policies of the new mode that select the same pods."""
 
 
-def reported(tmp_path, story):
+@pytest.fixture
+def copy(tmp_path):
+    copy = Copy(tmp_path)
+    (tmp_path / NEW).write_text(ACTUATOR, encoding="utf-8")
+    copy.edit(IMPORT)
+    copy.edit(REGISTRATION)
+    copy.edit(MODE)
+    return copy
+
+
+def reported(copy, story):
     """What a story prints where the new actuator is there."""
-    copy = tmp_path / "contextpolicy"
-    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    (copy / "actuators/noting.py").write_text(ACTUATOR)
-    for file, changes in CHANGES.items():
-        source = (copy / file).read_text()
-        for old, new in changes.items():
-            assert source.count(old) == 1
-            source = source.replace(old, new)
-        (copy / file).write_text(source)
-    search = os.pathsep.join(str(folder) for folder in (tmp_path, ROOT, ROOT / "modules/robotkit"))
-    done = subprocess.run(
-        [sys.executable, "-c", story],
-        env={**os.environ, "PYTHONPATH": search},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = copy.python("-c", story)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def test_a_new_actuator_is_one_file_and_one_registration(tmp_path):
-    assert reported(tmp_path, STORY).split() == ["abandon", "apply", "forget", "observe", "recall", "release"]
+def test_a_new_actuator_is_one_file_and_one_registration(copy):
+    assert copy.edited() - MODE.keys() == {NEW, *REGISTRATION}
+    assert reported(copy, STORY).split() == ["abandon", "apply", "forget", "observe", "recall", "release"]
 
 
-def test_a_new_mode_that_acts_claims_its_containers_like_any_other(tmp_path):
-    assert reported(tmp_path, RIVALS).splitlines() == ["2 False", "0 True"]
+def test_a_new_mode_that_acts_claims_its_containers_like_any_other(copy):
+    assert reported(copy, RIVALS).splitlines() == ["2 False", "0 True"]
+
+
+def test_a_new_mode_is_a_row_and_a_value_in_the_definition(copy):
+    copy.make_crds()
+    assert copy.failures("tests/crds/test_agreement.py", "-k", "agree_on_every_field") == ""
+    copy.edit({DEFINITION: (", Noting]", "]")})
+    assert "spec.mode: enum is" in copy.failures("tests/crds/test_agreement.py", "-k", "agree_on_every_field")
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))

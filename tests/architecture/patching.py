@@ -10,7 +10,8 @@ from tests.architecture.constructors import means_collaborator, protocols_of
 OWN = {"self", "threading", "memo"}
 """A component's own attributes, `threading.excepthook`, which Python has for this, and what kopf's handlers share."""
 ADD = {"append", "add", "appendleft", "insert"}
-SETTERS = {"setattr", "object.__setattr__"}
+GIVE = ADD | {"extend", "update", "setdefault"}
+SETTERS = {"setattr", "__setattr__"}
 WRAPPERS = {"Optional", "Union", "Final", "ClassVar", "Annotated"}
 
 
@@ -25,7 +26,7 @@ class Known:
     types: set[str]
     """`Callable`, and what is an alias of it."""
     protocols: frozenset[str]
-    """The types of collaborators."""
+    """The types of collaborators: protocols, and classes that do something."""
 
     def __or__(self, other):
         return Known(
@@ -46,7 +47,7 @@ def known(*trees):
     types = {"Callable"}.union(*(_aliases(node) for node in nodes))
     functions = set().union(*(_functions(node) for node in nodes))
     fields = {ast.unparse(one.target) for node in nodes if isinstance(node, ast.ClassDef) for one in _annotated(node)}
-    protocols = protocols_of(*trees)
+    protocols = protocols_of(*trees) | {one.name for one in nodes if isinstance(one, ast.ClassDef) and _acts(one)}
     slots = set().union(*(_slots(node, Known(set(), set(), types, protocols)) for node in nodes))
     return Known(functions - fields, slots, types, protocols)
 
@@ -64,15 +65,13 @@ def patched_on(source, package):
                 found.add(node)
             case ast.Assign() | ast.AnnAssign():
                 found |= _assigned(node, names, callables)
+            case ast.AugAssign() | ast.Call():
+                found |= _handed_over(node, names, callables)
             case ast.ClassDef():
                 found |= _waiting_fields(node, names)
                 found |= set().union(*(_set_only(method, names) for method in _methods(node)))
             case ast.Subscript(value=namespace, ctx=ast.Store()) if _is_foreign_namespace(namespace):
                 found.add(namespace)
-            case ast.Call(func=ast.Attribute(value=namespace, attr="update")) if _is_foreign_namespace(namespace):
-                found.add(namespace)
-            case ast.Call(args=[owner, *_]) if ast.unparse(node.func) in SETTERS and ast.unparse(owner) not in OWN:
-                found.add(node)
     return sorted({ast.unparse(node) for node in found})
 
 
@@ -80,11 +79,13 @@ def is_callable(value, own=frozenset(), methods=frozenset()):
     """Whether an expression may be a function: a lambda, a partial, the name of one, a method, or a choice of these."""
     match value:
         case ast.Call():
-            return _last(value.func) == "partial"
-        case ast.BoolOp():
-            return any(is_callable(one, own, methods) for one in value.values)
+            return _last(value.func) in {"partial", "partialmethod"}
+        case ast.BoolOp(values=parts) | ast.Dict(values=parts) | ast.List(elts=parts) | ast.Tuple(elts=parts):
+            return any(is_callable(one, own, methods) for one in parts)
         case ast.IfExp():
             return is_callable(value.body, own, methods) or is_callable(value.orelse, own, methods)
+        case ast.NamedExpr(value=inner):
+            return is_callable(inner, own, methods)
     return isinstance(value, ast.Lambda) or _last(value) in (own if isinstance(value, ast.Name) else methods)
 
 
@@ -102,6 +103,37 @@ def means_callable(annotation, types):
     return _last(annotation) in types
 
 
+def _handed_over(node, names, own):
+    """What a call or an addition in place puts a callable into, or whose attribute it sets."""
+    match node:
+        case ast.Call(func=ast.Attribute(value=namespace, attr="update")) if _is_foreign_namespace(namespace):
+            return {namespace}
+        case ast.AugAssign(target=ast.Attribute() as held) if _is_foreign(held) and _holds(node, names, own):
+            return {held}
+        case ast.Call(func=ast.Attribute(value=ast.Attribute() as held, attr=attr)) if attr in GIVE:
+            return {held} if _is_foreign(held) and _holds(node, names, own) else set()
+        case ast.Call() if _last(node.func) in SETTERS and ast.unparse(_owner(node)) not in OWN:
+            return {node}
+    return set()
+
+
+def _holds(node, names, own):
+    """Whether a call or an addition in place hands over a callable."""
+    given = [*node.args, *(one.value for one in node.keywords)] if isinstance(node, ast.Call) else [node.value]
+    return any(is_callable(one, own, names.functions) for one in given)
+
+
+def _owner(setter):
+    """Whose attribute a call of `setattr`, `object.__setattr__` or `x.__setattr__` sets."""
+    return setter.args[0] if len(setter.args) > 2 else setter.func.value
+
+
+def _acts(node):
+    """Whether a class is a component: it is made with what it needs, and has methods, unlike a record."""
+    names = [one.name for one in _methods(node)]
+    return "__init__" in names and len(names) > 1 and not node.decorator_list
+
+
 def _last(node):
     """The last part of a dotted name; empty for anything else."""
     return getattr(node, "id", getattr(node, "attr", ""))
@@ -111,7 +143,8 @@ def _pairs(node):
     """What is assigned to what, tuples and lists taken apart."""
     for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
         if isinstance(target, ast.Tuple | ast.List) and isinstance(node.value, ast.Tuple | ast.List):
-            yield from zip(target.elts, node.value.elts, strict=False)
+            for one, value in zip(target.elts, node.value.elts, strict=False):
+                yield (one.value, node.value) if isinstance(one, ast.Starred) else (one, value)
         else:
             yield target, node.value
 
@@ -158,11 +191,11 @@ def _assigned(node, names, own):
 
 
 def _set_only(method, names):
-    """The attributes in which a method keeps what it was given to notify others with.
+    """The attributes in which a public method keeps what it was given to notify others with.
 
     A callable counts if the method does nothing but keep things; it may be what to do once. A collaborator always does.
     """
-    if method.name in {"__init__", "__new__"}:
+    if method.name.startswith("_"):
         return set()
     kept = list(_kept(method.body))
     only = len(kept) == _statements(method.body[ast.get_docstring(method) is not None :])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import math
 import re
@@ -12,7 +13,7 @@ import yaml
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.quantities import CPU_ALLOWED, DURATION_ALLOWED
 from contextpolicy.policy.validation.crd_words import PATTERNS
-from tests.crds.reading import parsed, readings
+from tests.crds.reading import parsed, readings, values
 from tests.crds.schema import nodes
 
 LAXER = {"spec.streams"}
@@ -57,6 +58,8 @@ SAYS = {
     "texts": lambda reading: {"type": "array", "items": "string", "maxItems": reading.arguments["limit"]},
 }
 """What the definition has to say of a field, by the method that the parser reads it with."""
+NOTHING = {"cpu": 0, "duration": "0s", "flag": False, "memory": 0, "number": 0}
+"""What changes nothing unless the field has another default."""
 LONG = {"key_expression": lambda length: "*/".ljust(length, "k"), "cel": "true".ljust}
 """What these methods read, in any length."""
 
@@ -124,6 +127,18 @@ def _default(path, reading, node):
             yield f"its default is {default!r} in the definition, not for the parser"
     if reading.reader == "choice" and not stated and path not in missed:
         yield f"its default is {reading.arguments['default']!s} for the parser, none in the definition"
+    valueless = all(refuses(path, default) for default in stated)  # such as "all of N"
+    if reading.reader in NOTHING and valueless and any(_changed(absent, parsed(path, NOTHING[reading.reader])[0])):
+        yield "it has a default for the parser, none in the definition"
+
+
+def _changed(absent, nothing):
+    """The numbers without a field, where they differ from the field's nothing."""
+    for one, other in zip(values(absent), values(nothing), strict=True):
+        for each in dataclasses.fields(one):
+            own = getattr(one, each.name)
+            if isinstance(own, int | float) and own != getattr(other, each.name):
+                yield own
 
 
 def _required(spec):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import random
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from itertools import chain
 from typing import Any
@@ -139,3 +139,14 @@ def parsed(path, value):
     findings: list[Any] = []
     policy = parsing._policy("lab", "robot", Fields(holding(path, value)["spec"], "spec", findings))
     return policy, {finding.field.replace("[0]", "[]"): finding.value for finding in findings}
+
+
+def values(policy):
+    """The policy and all values in it."""
+    yield policy
+    for each in fields(policy):
+        inner = getattr(policy, each.name)
+        found = inner.values() if isinstance(inner, dict) else inner if isinstance(inner, tuple) else (inner,)
+        for one in found:
+            if is_dataclass(one):
+                yield from values(one)

@@ -15,7 +15,7 @@ from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.stream_spec import Clock, Encoding
 from tests.crds import agreement
 from tests.crds.agreement import QUANTITIES, SAYS, disagreements
-from tests.crds.reading import INSIDE, READERS, parsed, readings
+from tests.crds.reading import INSIDE, READERS, parsed, readings, values
 from tests.crds.schema import nodes, schema
 
 SPEC = schema()["properties"]["spec"]
@@ -67,6 +67,7 @@ CHANGES = {
     "other units": ("spec.enforcement.minDwell", lambda node: node.update(pattern="^[0-9]+s$"), ""),
     "another quantity": ("spec.reserve", lambda node: node.update(pattern=QUANTITIES["memory"]), ""),
     "another type": ("spec.tasks[].protected", lambda node: node.update(type="string"), ""),
+    "a default that nobody states": ("spec.shadow.patience", lambda node: node.pop("default"), ""),
     "no format": ("spec.force.until", lambda node: node.pop("format"), ""),
     "no longer anything": ("spec.streams[].example", lambda node: node.clear(), ""),
     "no longer required": ("spec.streams[]", lambda node: node.update(required=["name"]), ".key"),
@@ -156,14 +157,3 @@ def test_code_and_parser_have_the_same_defaults(path):
             given_value = getattr(value, each.name)
             if each.default is not MISSING and not is_dataclass(given_value) and not isinstance(given_value, tuple):
                 assert given_value == each.default, f"{type(value).__name__}.{each.name}"
-
-
-def values(policy):
-    """The policy and all values in it."""
-    yield policy
-    for each in fields(policy):
-        inner = getattr(policy, each.name)
-        found = inner.values() if isinstance(inner, dict) else inner if isinstance(inner, tuple) else (inner,)
-        for one in found:
-            if is_dataclass(one):
-                yield from values(one)

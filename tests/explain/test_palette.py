@@ -32,12 +32,6 @@ def test_colours_are_unique_and_do_not_depend_on_order(colors, names, random):
     assert len(set(colors(names).values())) == len(names)
 
 
-def test_a_task_keeps_its_colour_when_others_come():
-    before = task_colors(["slam", "speech", "signs"])
-    after = task_colors(["slam", "speech", "signs", "arm", "planner"])
-    assert {name: after[name] for name in before} == before
-
-
 @pytest.mark.parametrize(("kind", "colors"), [("tasks", task_colors), ("contexts", context_colors)])
 def test_a_name_has_the_same_colour_in_every_policy_of_the_repository(kind, colors):
     seen = defaultdict(set)

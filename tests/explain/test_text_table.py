@@ -57,7 +57,7 @@ def test_numbers_at_the_end_are_not_wrapped():
 
 
 def test_empty_cells_and_tables():
-    assert list(text_table(HEAD, [], 10)) == []
+    assert list(text_table(HEAD, [], None)) == []
     assert list(text_table(("TASK", "", "SHARE"), [("slam", "", "1")], 8)) == ["slam", "  SHARE", "    1"]
 
 

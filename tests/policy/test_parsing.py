@@ -104,5 +104,5 @@ def test_all_findings_come_at_once_in_one_readable_message():
         parsing.parse(a_body(**spec))
     lines = str(caught.value).splitlines()
     assert lines[0] == "ContextPolicy lab/robot:"
-    assert lines[1] == "  spec.mode: invalid value 'On': expected one of Enforce, DryRun, Paused"
+    assert "  spec.mode: invalid value 'On': expected one of Enforce, DryRun, Paused" in lines
     assert len(lines) == 5

@@ -115,6 +115,20 @@ def test_cancelled_timers_are_freed_after_a_burst(loop):
     assert len(kept) <= 2 * FEW
 
 
+def test_looking_for_cancelled_timers_costs_little_per_action(loop, monkeypatch):
+    looked, tidy = [], Loop._tidy
+
+    def look(*arguments):
+        looked.append(arguments)
+        tidy(*arguments)
+
+    monkeypatch.setattr(Loop, "_tidy", look)
+    for _ in range(20 * FEW):
+        loop.schedule_relative(3600, Reminder())
+    settle(loop)
+    assert len(looked) <= 6  # each time twice as many
+
+
 def test_remaining_timers_fire_in_order_after_cancellations(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))

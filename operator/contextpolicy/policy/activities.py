@@ -1,7 +1,4 @@
-"""When a task matters, and what it needs to run, as frozen values (paper III, IV-D).
-
-Durations are seconds, CPU is thousandths of a core, memory is bytes, scores are floats >= 0.
-"""
+"""When a task matters, and what it needs to run, as frozen values (paper III, IV-D)."""
 
 from __future__ import annotations
 
@@ -11,6 +8,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from contextpolicy.policy.field_types import Cel, Cpu, Memory, Seconds, Weighting
 
 
 class Enforce(StrEnum):
@@ -29,13 +28,13 @@ class Activity:
     fall to zero linearly. `initiative` names a plugged-in instantiation function instead.
     """
 
-    when: str = "true"
-    until: str | None = None
+    when: Cel = "true"
+    until: Cel | None = None
     stream: str | None = None
-    score: float = 1.0
-    score_from: str | None = None
-    hold: float = 0.0
-    decay: float = 0.0
+    score: Weighting = 1.0
+    score_from: Cel | None = None
+    hold: Seconds = 0.0
+    decay: Seconds = 0.0
     initiative: str | None = None
     arguments: Mapping[str, str] = field(default_factory=dict)
 
@@ -61,8 +60,8 @@ class Requirement:
     With `task` it is an edge of the task graph instead: that task must be able to run.
     """
 
-    when: str = "true"
-    hold: float = 0.0
+    when: Cel = "true"
+    hold: Seconds = 0.0
     task: str | None = None
 
 
@@ -70,7 +69,7 @@ class Requirement:
 class Needs:
     """Capability constraints: what the task must get to be of any use (paper III)."""
 
-    cores: int | None = None
-    memory: int | None = None
-    deadline: float | None = None
+    cores: Cpu | None = None
+    memory: Memory | None = None
+    deadline: Seconds | None = None
     enforce: Enforce = Enforce.REPORT

@@ -158,11 +158,11 @@ class Fields:
             return 0.0
         return moment.timestamp()
 
-    def cel(self, name: str, default: str | None = None) -> str | None:
+    def cel(self, name: str) -> str | None:
         """A CEL expression that compiles and calls known functions only; its variables are checked by `references`."""
         value = self.raw(name)
         if value is None:
-            return default
+            return None
         from contextpolicy.policy import cel_mistakes  # noqa: PLC0415 - router and agent read fields without any
         from contextpolicy.policy.cel import Expression  # noqa: PLC0415
 
@@ -170,10 +170,10 @@ class Fields:
             unknown = Expression(value).unknown_functions if isinstance(value, str) else None
         except ValueError as error:
             self.refuse(name, value, f"a CEL expression; {cel_mistakes.explain(str(value), error)}")
-            return default
+            return None
         if unknown is None or unknown:
             self.refuse(name, value, "a CEL expression" if unknown is None else cel_mistakes.unknown(unknown))
-            return default
+            return None
         return str(value)
 
     def flag(self, name: str) -> bool:

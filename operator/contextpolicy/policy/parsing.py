@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import bandwidth, references
 from contextpolicy.policy import spec as policy
-from contextpolicy.policy.fields import LARGEST_WEIGHT, MOST_FINDINGS, OBJECT_NAME, TASK_NAME, TASK_NAME_ALLOWED, Fields
+from contextpolicy.policy.field_types import value_of
+from contextpolicy.policy.fields import MOST_FINDINGS, OBJECT_NAME, TASK_NAME, TASK_NAME_ALLOWED, Fields
 from contextpolicy.policy.stream_parsing import parse_stream
 from contextpolicy.policy.task_parsing import parse_task
 
@@ -38,13 +39,12 @@ def parse(body: Mapping[str, Any], *checks: Callable[[policy.Policy], Iterable[F
 
 
 def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
-    result = policy.Policy(
+    result = value_of(
+        policy.Policy,
+        spec,
         namespace=namespace,
         name=name,
-        mode=spec.choice("mode", policy.Mode.ENFORCE),
         enforcement=_enforcement(spec.nested("enforcement")),
-        reserve=spec.cpu("reserve") or 0,
-        fallback=spec.optional_text("fallback"),
         force=_force(spec.nested("force")) if "force" in spec else spec.raw("force"),
         shadow=_shadow(spec.nested("shadow"), name) if "shadow" in spec else spec.raw("shadow"),
         streams=tuple(parse_stream(item) for item in spec.nested_list("streams", limit=64)),
@@ -58,26 +58,11 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
 
 
 def _enforcement(fields: Fields) -> policy.Enforcement:
-    result = policy.Enforcement(
-        control=fields.choice("control", policy.Control.WEIGHT),
-        scheduler=fields.choice("scheduler", policy.Scheduler.CFS),
-        transition=fields.choice("transition", policy.Transition.PROMPT),
-        min_dwell=fields.duration("minDwell") or 0.0,
-        period=_period(fields),
-        realtime_fallback=fields.choice("realtimeFallback", policy.RealtimeFallback.CFS),
-        realtime_policy=fields.choice("realtimePolicy", policy.RealtimePolicy.RR),
-    )
+    result = value_of(policy.Enforcement, fields)
+    if not bandwidth.SHORTEST <= result.period <= bandwidth.LONGEST:
+        fields.refuse("period", fields.raw("period"), "a duration from 10ms to 1s, which kernels support")
     fields.close()
     return result
-
-
-def _period(fields: Fields) -> float:
-    period = fields.duration("period")
-    if period is None:
-        return bandwidth.PERIOD
-    if not bandwidth.SHORTEST <= period <= bandwidth.LONGEST:
-        fields.refuse("period", fields.raw("period"), "a duration from 10ms to 1s, which kernels support")
-    return period
 
 
 def _force(fields: Fields) -> policy.Force:
@@ -88,11 +73,12 @@ def _force(fields: Fields) -> policy.Force:
 
 def _shadow(fields: Fields, own: str) -> policy.Shadow:
     usual = policy.Shadow("")
-    tolerance, patience = fields.number("tolerance", most=1), fields.duration("patience")
-    result = policy.Shadow(
+    tolerance = fields.number("tolerance", most=1)
+    result = value_of(
+        policy.Shadow,
+        fields,
         of=fields.text("of", pattern=OBJECT_NAME, allowed="the name of another policy of the namespace"),
         tolerance=usual.tolerance if tolerance is None else tolerance,
-        patience=usual.patience if patience is None else patience,
         health=fields.key_expression("health") if "health" in fields else usual.health,
     )
     if result.of == own:
@@ -106,12 +92,10 @@ def _shadow(fields: Fields, own: str) -> policy.Shadow:
 
 
 def _context(fields: Fields) -> policy.Context:
-    result = policy.Context(
+    result = value_of(
+        policy.Context,
+        fields,
         name=fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED),
-        when=fields.cel("when"),
-        until=fields.cel("until"),
-        enter_after=fields.duration("enterAfter") or 0.0,
-        exit_after=fields.duration("exitAfter") or 0.0,
         effects={task: _effect(item) for task, item in fields.mapping("tasks", limit=128).items()},
     )
     if "until" in fields and "when" not in fields:
@@ -122,13 +106,7 @@ def _context(fields: Fields) -> policy.Context:
 
 def _effect(fields: Fields) -> policy.Effect:
     suspend = fields.flag("suspend") if "suspend" in fields else None
-    result = policy.Effect(
-        fields.number("weight", most=LARGEST_WEIGHT),
-        fields.number("scale", most=LARGEST_WEIGHT),
-        suspend,
-        min=fields.cpu("min"),
-        max=fields.cpu("max"),
-    )
+    result = value_of(policy.Effect, fields, suspend=suspend)
     changes = ["weight" in fields, "scale" in fields, result.suspend is True].count(True)
     bounded = "min" in fields or "max" in fields
     if changes > 1 or (not changes and result.suspend is None and not bounded):

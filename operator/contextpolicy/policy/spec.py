@@ -1,7 +1,4 @@
-"""The ContextPolicy resource as frozen values, valid by construction (see `parsing`).
-
-Durations are seconds, CPU is thousandths of a core, memory is bytes, scores and weights are floats >= 0.
-"""
+"""The ContextPolicy resource as frozen values, valid by construction (see `parsing`); `field_types` has the units."""
 
 from __future__ import annotations
 
@@ -16,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from contextpolicy.policy.activities import Activity, Requirement
+    from contextpolicy.policy.field_types import Cel, Cpu, Seconds, Weighting
     from contextpolicy.policy.selectors import Selector
     from contextpolicy.policy.stream_spec import Stream
 
@@ -96,11 +94,11 @@ class Task:
     name: str
     selector: Selector | None = None
     container: str = ""
-    priority: float = 1.0
-    idle: float | None = None
-    min: int = 10
-    max: int | None = None
-    suspended_cpu: int = 10
+    priority: Weighting = 1.0
+    idle: Weighting | None = None
+    min: Cpu = 10
+    max: Cpu | None = None
+    suspended_cpu: Cpu = 10
     needs: Needs = field(default_factory=Needs)
     activity: tuple[Activity, ...] = ()
     requires: tuple[Requirement, ...] = ()
@@ -129,11 +127,11 @@ class Effect:
     `max` narrow the task's own bounds.
     """
 
-    weight: float | None = None
-    scale: float | None = None
+    weight: Weighting | None = None
+    scale: Weighting | None = None
     suspend: bool | None = None
-    min: int | None = None
-    max: int | None = None
+    min: Cpu | None = None
+    max: Cpu | None = None
 
     @property
     def bounds(self) -> bool:
@@ -154,10 +152,10 @@ class Context:
     """
 
     name: str
-    when: str | None = None
-    until: str | None = None
-    enter_after: float = 0.0
-    exit_after: float = 0.0
+    when: Cel | None = None
+    until: Cel | None = None
+    enter_after: Seconds = 0.0
+    exit_after: Seconds = 0.0
     effects: Mapping[str, Effect] = field(default_factory=dict)
 
 
@@ -173,25 +171,25 @@ class Force:
 class Shadow:
     """The policy `of` which this one is a shadow, and how many more misses it may cost once it is promoted.
 
-    `tolerance` is a part of a task's inputs, `patience` seconds of missing all of them. `health` is the key expression
-    on which modules publish their misses; a task's name stands where it has its `*`.
+    `tolerance` is a part of a task's inputs, `patience` how long it may miss all of them. `health` is the key
+    expression on which modules publish their misses; a task's name stands where it has its `*`.
     """
 
     of: str
     tolerance: float = 0.05
-    patience: float = 5.0
+    patience: Seconds = 5.0
     health: str = "robot/*/health"
 
 
 @dataclass(frozen=True, slots=True)
 class Enforcement:
-    """How the kernel is made to honour shares; `period` and `min_dwell` are in seconds."""
+    """How the kernel is made to honour shares."""
 
     control: Control = Control.WEIGHT
     scheduler: Scheduler = Scheduler.CFS
     transition: Transition = Transition.PROMPT
-    min_dwell: float = 0.0
-    period: float = PERIOD
+    min_dwell: Seconds = 0.0
+    period: Seconds = PERIOD
     realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
     realtime_policy: RealtimePolicy = RealtimePolicy.RR
 
@@ -207,7 +205,7 @@ class Policy:
     contexts: tuple[Context, ...] = ()
     mode: Mode = Mode.ENFORCE
     enforcement: Enforcement = field(default_factory=Enforcement)
-    reserve: int = 0
+    reserve: Cpu = 0
     fallback: str | None = None
     force: Force | None = None
     shadow: Shadow | None = None

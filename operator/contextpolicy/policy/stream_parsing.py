@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from contextpolicy.policy.field_types import value_of
 from contextpolicy.policy.fields import (
     FEATURE_NAME,
     FEATURE_NAME_ALLOWED,
@@ -13,7 +14,7 @@ from contextpolicy.policy.fields import (
     STREAM_NAME,
     STREAM_NAME_ALLOWED,
 )
-from contextpolicy.policy.stream_spec import Clock, Encoding, Feature, FeatureOp, RosRelease, Stream
+from contextpolicy.policy.stream_spec import Encoding, Feature, FeatureOp, Stream
 
 if TYPE_CHECKING:
     from contextpolicy.policy.fields import Fields
@@ -21,23 +22,17 @@ if TYPE_CHECKING:
 
 def parse_stream(fields: Fields) -> Stream:
     """Read an entry of `spec.streams`; the fields hold what is wrong with it."""
-    result = Stream(
+    result = value_of(
+        Stream,
+        fields,
         name=fields.text("name", pattern=STREAM_NAME, allowed=STREAM_NAME_ALLOWED),
         key=fields.key_expression("key"),
-        encoding=fields.choice("encoding", Encoding.JSON),
         type=fields.optional_text("type", pattern=ROS_TYPE, allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
-        ros=fields.choice("ros", RosRelease.LATEST),
         types=fields.optional_text("types", pattern=OBJECT_NAME, allowed="the name of a ConfigMap"),
-        stale_after=fields.duration("staleAfter"),
+        definitions=None,
         liveliness=fields.key_expression("liveliness") if "liveliness" in fields else fields.raw("liveliness"),
-        fallback=fields.optional_text("fallback"),
         timestamp=fields.optional_text("timestamp", pattern=FIELD_PATH, allowed="a field path such as header.stamp"),
-        clock=fields.choice("clock", Clock.AUTO),
-        filter=fields.cel("filter"),
         sources=fields.whole("sources", most=16) or 0,
-        debounce=fields.duration("debounce") or 0.0,
-        sample_every=fields.duration("sampleEvery") or 0.0,
-        produced_by=fields.optional_text("producedBy"),
         example=fields.raw("example"),
         features=tuple(_feature(item) for item in fields.nested_list("features", limit=16)),
     )
@@ -67,11 +62,12 @@ def _check_sources(fields: Fields, stream: Stream) -> None:
 
 
 def _feature(fields: Fields) -> Feature:
-    result = Feature(
+    result = value_of(
+        Feature,
+        fields,
         name=fields.text("name", pattern=FEATURE_NAME, allowed=FEATURE_NAME_ALLOWED),
         op=FeatureOp.COUNT if "op" not in fields else fields.choice("op", FeatureOp.COUNT),
         over=fields.duration("over") or 0.0,
-        of=fields.cel("of"),
     )
     if "op" not in fields:
         fields.refuse("op", fields.raw("op"), "one of " + ", ".join(FeatureOp))

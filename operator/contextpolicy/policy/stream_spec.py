@@ -1,12 +1,13 @@
-"""The streams of a ContextPolicy as frozen values, valid by construction (see `stream_parsing`).
-
-Durations are seconds.
-"""
+"""The streams of a ContextPolicy as frozen values, valid by construction (see `stream_parsing`)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from contextpolicy.policy.field_types import Cel, Seconds
 
 
 class Encoding(StrEnum):
@@ -56,8 +57,8 @@ class Feature:
 
     name: str
     op: FeatureOp
-    over: float
-    of: str | None = None
+    over: Seconds
+    of: Cel | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,17 +76,17 @@ class Stream:
     ros: RosRelease = RosRelease.LATEST
     types: str | None = None
     definitions: tuple[tuple[str, str], ...] | None = None
-    stale_after: float | None = None
+    stale_after: Seconds | None = None
     liveliness: str | None = None
     fallback: str | None = None
     """The context that holds while the stream is silent, instead of the policy's fallback."""
     timestamp: str | None = None
     clock: Clock = Clock.AUTO
-    filter: str | None = None
+    filter: Cel | None = None
     sources: int = 0
     """How many sources to keep apart by what the key's wildcards match; 0: only the latest sample of all counts."""
-    debounce: float = 0.0
-    sample_every: float = 0.0
+    debounce: Seconds = 0.0
+    sample_every: Seconds = 0.0
     produced_by: str | None = None
     example: object = None
     """A sample as the stream's sender writes it, decoded: what expressions are checked against. None where unknown."""

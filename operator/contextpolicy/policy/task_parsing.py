@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.policy import activities
 from contextpolicy.policy import spec as policy
-from contextpolicy.policy.fields import LARGEST_WEIGHT, TASK_NAME, TASK_NAME_ALLOWED
+from contextpolicy.policy.field_types import value_of
+from contextpolicy.policy.fields import TASK_NAME, TASK_NAME_ALLOWED
 from contextpolicy.policy.selectors import read_selector
 
 if TYPE_CHECKING:
@@ -19,25 +20,18 @@ LEAST = 10
 def parse_task(fields: Fields) -> policy.Task:
     """Read an entry of `spec.tasks`; the fields hold what is wrong with it."""
     name = fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED)
-    activity = tuple(_activity(item) for item in fields.nested_list("activity", limit=16))
-    priority = fields.number("priority", most=LARGEST_WEIGHT)
-    result = policy.Task(
+    result = value_of(
+        policy.Task,
+        fields,
         name=name,
         selector=read_selector(fields.nested("selector")) if "selector" in fields else fields.raw("selector"),
         container=fields.text("container", name),
-        priority=1.0 if priority is None else priority,
-        idle=fields.number("idle", most=LARGEST_WEIGHT),
         min=max(LEAST, fields.cpu("min") or 0),
-        max=fields.cpu("max"),
         suspended_cpu=max(LEAST, fields.cpu("suspendedCpu") or 0),
         needs=_needs(fields.nested("needs")),
-        activity=activity,
+        activity=tuple(_activity(item) for item in fields.nested_list("activity", limit=16)),
         requires=tuple(_requirement(item) for item in fields.nested_list("requires", limit=16)),
         subtasks=fields.texts("subtasks", limit=16),
-        satisfied_by=fields.choice("satisfiedBy", policy.SatisfiedBy.ALL),
-        protected=fields.flag("protected"),
-        restart_on_resize=fields.flag("restartOnResize"),
-        required=fields.flag("required"),
     )
     _check_kind(fields, result)
     _check_bounds(fields, result)
@@ -78,29 +72,13 @@ def _check_protection(fields: Fields, task: policy.Task) -> None:
 
 
 def _needs(fields: Fields) -> activities.Needs:
-    result = activities.Needs(
-        fields.cpu("cores"),
-        fields.memory("memory"),
-        fields.duration("deadline"),
-        fields.choice("enforce", activities.Enforce.REPORT),
-    )
+    result = value_of(activities.Needs, fields)
     fields.close()
     return result
 
 
 def _activity(fields: Fields) -> activities.Activity:
-    score = fields.number("score", most=LARGEST_WEIGHT)
-    result = activities.Activity(
-        when=fields.cel("when", "true") or "true",
-        until=fields.cel("until"),
-        stream=fields.optional_text("stream"),
-        score=1.0 if score is None else score,
-        score_from=fields.cel("scoreFrom"),
-        hold=fields.duration("hold") or 0.0,
-        decay=fields.duration("decay") or 0.0,
-        initiative=fields.optional_text("initiative"),
-        arguments=fields.string_map("with"),
-    )
+    result = value_of(activities.Activity, fields, arguments=fields.string_map("with"))
     if "scoreFrom" in fields and "score" in fields:
         fields.refuse("score", fields.raw("score"), "either score or scoreFrom, not both")
     if result.until is not None and result.initiative is not None:
@@ -112,9 +90,7 @@ def _activity(fields: Fields) -> activities.Activity:
 def _requirement(fields: Fields) -> activities.Requirement:
     if ("when" in fields) == ("task" in fields):
         fields.refuse("when", fields.raw("when"), "either when, a CEL condition, or task, the name of another task")
-    result = activities.Requirement(
-        fields.cel("when", "true") or "true", fields.duration("hold") or 0.0, fields.optional_text("task")
-    )
+    result = value_of(activities.Requirement, fields)
     if result.task is not None and "hold" in fields:
         fields.refuse("hold", fields.raw("hold"), "no hold with task: a task either can run or can't")
     fields.close()

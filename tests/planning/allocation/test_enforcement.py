@@ -48,9 +48,9 @@ def test_the_containers_of_a_task_divide_its_max(control, most, containers, quot
 
 @pytest.mark.parametrize(
     ("task", "share", "containers", "kept"),
-    [(MODEST, 400, 2, 150), (MODEST, 90, 1, 90), (TASK, 200, 1, 10)],
+    [(MODEST, 400, 2, 150), (MODEST, 90, 1, 90), (TASK, 200, 1, 10), (Task("slam", min=300), 400, 1, 10)],
 )
-def test_a_protected_tasks_weight_is_not_cut_below_its_min(task, share, containers, kept):
+def test_only_a_protected_tasks_weight_is_never_cut_below_its_min(task, share, containers, kept):
     assert kept_weight(task, share, containers) == kept
 
 

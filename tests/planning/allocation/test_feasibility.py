@@ -48,9 +48,11 @@ def test_needs_are_not_checked_without_a_plan():
     assert shortfall.message.startswith("node robot keeps its last plan")
 
 
-def test_a_request_that_keeps_a_suspended_task_running_is_reported():
+@pytest.mark.parametrize("control", ["Limit", "Suspend"])
+def test_a_request_that_keeps_a_suspended_task_running_is_reported(control):
     tasks = [a_task("slam", idle=0), a_task("rest")]
-    story = Story(a_policy(tasks=tasks), on_node("slam", "rest", cores=2, request=300))
+    policy = a_policy(tasks=tasks, enforcement={"control": control})
+    story = Story(policy, on_node("slam", "rest", cores=2, request=300))
     assert [(s.task, s.message) for s in story.last.shortfalls] == [
         ("slam", "is suspended but its CPU request of 300m keeps its limit at 300m")
     ]
