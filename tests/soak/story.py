@@ -22,8 +22,6 @@ TROUBLES = (
 """What others do meanwhile, in good faith or not; each is over by itself."""
 FILLING = ("flood", "crowd", "large policy")
 """Those that fill memory that is kept, such as the flight recorder's; in the first half only, likewise."""
-FORGING = ("forged originals", "emptied originals")
-"""In the second half only: of a pod without an owner nobody but a living operator knows what it had."""
 PODS = ("operator", "router")
 """Killed too, and started again by the kubelet; in the first half only, so that the second shows whether they grow."""
 
@@ -101,7 +99,7 @@ def _killing(random: Random, at: float, *, early: bool) -> Killing:
 
 
 def _trouble(random: Random, at: float, *, early: bool) -> Trouble:
-    kinds = [kind for kind in TROUBLES if kind not in (FORGING if early else FILLING)]
+    kinds = [kind for kind in TROUBLES if early or kind not in FILLING]
     return Trouble(at, random.choice(kinds), random.choice(TASKS))
 
 

@@ -2,7 +2,7 @@ from typing import Any
 
 from tests.soak import oracle
 
-POLICY = {
+POLICY: dict[str, Any] = {
     "metadata": {"name": "soak", "namespace": "lab"},
     "spec": {
         "reserve": "1",
@@ -16,6 +16,14 @@ READINGS: tuple[dict[str, Any], ...] = ({}, {"imu": {"speed": 0.0}}, {"imu": {"s
 
 def test_possible_limits_cover_all_pods_and_readings():
     assert oracle.plans(POLICY, 2, READINGS) == {"slam": {500, 990, 1000}, "speech": {10, 500, 1000}}
+
+
+def test_possible_limits_cover_a_restart_in_which_tasks_remember_different_contexts():
+    """slam still has the scale of its context, and speech, whose pod has just come, is not suspended by it yet."""
+    effects = {"slam": {"scale": 2}, "speech": {"suspend": True}}
+    moving = {"name": "moving", "when": "imu.speed > 0.05", "tasks": effects}
+    policy = {**POLICY, "spec": {**POLICY["spec"], "contexts": [moving]}}
+    assert oracle.plans(policy, 2, READINGS)["speech"] == {10, 330, 500, 1000}
 
 
 def test_a_limit_matching_a_plan_or_the_pod_is_right():

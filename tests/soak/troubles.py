@@ -51,11 +51,15 @@ class Troubles:
             time.sleep(FLOOD)
 
     def _forged_originals(self, name: str) -> None:
-        uid = get("pod", name, self._robot.namespace)["metadata"]["uid"]
+        uid = self._uid(name)
         self._patch({uid: {"containers": {name: {"request": "10m", "limit": "50m"}}}})
 
     def _emptied_originals(self, _: str) -> None:
         self._patch(dict.fromkeys(self._robot.status().get("originals") or {}))
+
+    def _uid(self, name: str) -> str:
+        uid: str = get("pod", member(name), self._robot.namespace)["metadata"]["uid"]
+        return uid
 
     def _patch(self, originals: dict[str, Any]) -> None:
         how = ("--subresource=status", "--type=merge", "-p", json.dumps({"status": {"originals": originals}}))
@@ -63,11 +67,11 @@ class Troubles:
 
     def _foreign_resize(self, name: str) -> None:
         """To what the container came with, which is a limit that it may have; no pod that has replaced it."""
-        uid = get("pod", name, self._robot.namespace)["metadata"]["uid"]
+        uid = self._uid(name)
         limit = {"limits": {"cpu": f"{self._original(name)}m"}}
         patch = {"metadata": {"uid": uid}, "spec": {"containers": [{"name": name, "resources": limit}]}}
         where = ("-n", self._robot.namespace, "--subresource", "resize", "--field-manager", "vpa-updater")
-        run("kubectl", "patch", "pod", name, *where, "--patch", json.dumps(patch), timeout=20)
+        run("kubectl", "patch", "pod", member(name), *where, "--patch", json.dumps(patch), timeout=20)
 
     def _forged_plan(self, name: str) -> None:
         """On a bus that is open; without agents plans move nothing."""
@@ -78,7 +82,7 @@ class Troubles:
 
     def _debugger(self, name: str) -> None:
         how = ("--image=contextpolicy:dev", "--image-pull-policy=IfNotPresent", "--", "sleep", "5")
-        run("kubectl", "debug", name, "-n", self._robot.namespace, *how, timeout=20)
+        run("kubectl", "debug", member(name), "-n", self._robot.namespace, *how, timeout=20)
 
     def _crowd(self, name: str) -> None:
         """Pods that no node takes come and go; they match a task's selector."""
@@ -105,3 +109,8 @@ class Troubles:
         """Take away what is left; CommandError where the API is away."""
         gone = ("-l", "crowd=yes", "--force", "--grace-period=0", "--wait=false")
         run("kubectl", "delete", "pods", "-n", self._robot.namespace, *gone, timeout=60)
+
+
+def member(task: str) -> str:
+    """The pod of a task, which a StatefulSet of one has made."""
+    return f"{task}-0"
