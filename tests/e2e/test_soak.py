@@ -236,9 +236,9 @@ def stateful_set(name, namespace, limit):
     Who empties or forges the originals while no operator lives takes those of pods without an owner.
     """
     resources = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": f"{limit}m", "memory": "64Mi"}}
-    template = pod(name, namespace, IDLE, resources)
-    labels = template["metadata"]["labels"]
-    spec = {"serviceName": name, "selector": {"matchLabels": labels}, "template": template}
+    made = pod(name, namespace, IDLE, resources)
+    template = {"metadata": {"labels": made["metadata"]["labels"]}, "spec": made["spec"]}
+    spec = {"serviceName": name, "selector": {"matchLabels": template["metadata"]["labels"]}, "template": template}
     return {
         "apiVersion": "apps/v1",
         "kind": "StatefulSet",
