@@ -10,7 +10,7 @@ from contextpolicy.actuators.resize.vetting import Vetted
 from contextpolicy.bus.questions import Questions
 from contextpolicy.policies.policy_runner import PolicyRunner
 from contextpolicy.policies.promotion import Promotion
-from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, reference_of, uid_of
+from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, is_former, reference_of, uid_of
 from contextpolicy.policies.services import Services
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
 from contextpolicy.streams.retention import POOL, Retention
@@ -79,10 +79,12 @@ class PolicyManager:
     def adopt(self, body: Mapping[str, Any], loaded: Loaded, vetted: Vetted) -> bool:
         """Swap in a valid version; an invalid one leaves the last good one in force and says why.
 
-        Returns whether all that it names could be read.
+        Returns whether all that it names could be read, and no other object has its name now.
         """
         reference = reference_of(body)
         former = self._registry.present.get(reference)
+        if former is not None and is_former(body, former.body):
+            return False
         if former is not None and uid_of(former.body) != uid_of(body):
             self._end(former)
         if self._registry.leaving.pop(reference, None) is not None:
@@ -106,6 +108,10 @@ class PolicyManager:
     def drop(self, body: Mapping[str, Any], vetted: Vetted, done: Future[None]) -> None:
         """The policy is being deleted: end it, and finish `done` when its containers are as they were."""
         reference = reference_of(body)
+        present = self._registry.present.get(reference)
+        if present is not None and is_former(body, present.body):
+            _finish(done)
+            return
         self._actuators.recall(reference, vetted.stored)
         if reference not in self._registry.leaving:
             self._registry.leaving[reference] = LeavingPolicy(body, conditions_of(body))
@@ -219,9 +225,13 @@ class PolicyManager:
         if reference not in self._registry.present:
             self._publisher.forget(reference)
             metrics.forget(reference)
-        # The caller may have given up waiting.
-        if done.set_running_or_notify_cancel():
-            done.set_result(None)
+        _finish(done)
+
+
+def _finish(done: Future[None]) -> None:
+    """The caller may have given up waiting."""
+    if done.set_running_or_notify_cancel():
+        done.set_result(None)
 
 
 def _of(namespace: str, references: Iterable[str]) -> list[str]:
