@@ -97,3 +97,17 @@ def test_another_policy_of_a_name_is_taken_up_at_the_latest_when_the_former_is_g
     running.react(IMU, speed=0.3)
     assert running.operator.queries._registry.find("lab/robot").body["metadata"]["uid"] == "uid-another"
     assert running.limits() == {"slam": 800, "speech": 200}
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [lambda robot: robot.delete(a_policy()), lambda robot: robot.apply(a_policy(mode="Paused"))],
+    ids=["deleted", "paused"],
+)
+def test_putting_back_is_no_foreign_resize_to_a_policy_that_comes_meanwhile(running, stop):
+    """The watch does not show yet what the operator itself has put back."""
+    stop(running)
+    running.apply(a_policy(generation=3))
+    running.settle()
+    assert running.limits() == {"slam": 500, "speech": 500}
+    assert "ResizedByOther" not in dict(running.reported())
