@@ -81,14 +81,10 @@ class PolicyManager:
 
         Returns whether all that it names could be read, and no other object has its name now.
         """
-        reference = reference_of(body)
-        former = self._registry.present.get(reference)
-        if former is not None and is_former(body, former.body):
+        if self._is_late(body):
             return False
-        if former is not None and uid_of(former.body) != uid_of(body):
-            self._end(former)
-        if self._registry.leaving.pop(reference, None) is not None:
-            metrics.forget(reference)  # of the object that was deleted; this one counts from 0
+        reference = reference_of(body)
+        self._succeed(reference, uid_of(body))
         self._actuators.recall(reference, vetted.stored)
         entry = self._registry.present.setdefault(reference, PolicyEntry(body))
         known = loaded.rejected == entry.loaded.rejected
@@ -107,11 +103,10 @@ class PolicyManager:
 
     def drop(self, body: Mapping[str, Any], vetted: Vetted, done: Future[None]) -> None:
         """The policy is being deleted: end it, and finish `done` when its containers are as they were."""
-        reference = reference_of(body)
-        present = self._registry.present.get(reference)
-        if present is not None and is_former(body, present.body):
+        if self._is_late(body):
             _finish(done)
             return
+        reference = reference_of(body)
         self._actuators.recall(reference, vetted.stored)
         if reference not in self._registry.leaving:
             self._registry.leaving[reference] = LeavingPolicy(body, conditions_of(body))
@@ -171,6 +166,18 @@ class PolicyManager:
             running = entry.runner.policy if entry.runner is not None else None
             if runs is not None and runs.policy is not None and (entry is edited or running != runs.policy):
                 self._swap(entry, runs.policy, runs.initiatives, session)
+
+    def _is_late(self, body: Mapping[str, Any]) -> bool:
+        present = self._registry.present.get(reference_of(body))
+        return present is not None and is_former(body, present.body)
+
+    def _succeed(self, reference: str, uid: str) -> None:
+        """End another policy of this name, if there is one; this one counts from 0."""
+        former = self._registry.present.get(reference)
+        if former is not None and uid_of(former.body) != uid:
+            self._end(former)
+        if self._registry.leaving.pop(reference, None) is not None:
+            metrics.forget(reference)
 
     def _end(self, entry: PolicyEntry) -> None:
         """The object is gone, and nobody waits until its containers are as they were."""
