@@ -13,9 +13,10 @@ import pytest
 
 from contextpolicy.app.watches import LINGER, Watches
 from contextpolicy.cluster.paging import Page
+from contextpolicy.errors import ActuationError
 from tests.cluster.builders import a_pod
 from tests.small_cluster import Recorder
-from tests.waiting import PATIENCE
+from tests.waiting import PATIENCE, until
 
 NODE = {"metadata": {"name": "robot-1", "uid": "uid-robot-1", "resourceVersion": "1"}}
 
@@ -56,6 +57,22 @@ def test_changes_reach_the_operator(namespaces):
     watches.stop()
     seen = {"pod_changed", "pod_gone", "node_changed", "node_gone", "policy_gone"}
     assert {name for name, *_ in reported.calls} == seen
+
+
+class Refusing(Api):
+    """Lets nobody see the policies of the hall."""
+
+    def read_page(self, path, most):
+        if "/hall/contextpolicies" in path:
+            raise ActuationError("Forbidden", "no right to list", retriable=False)
+        return super().read_page(path, most)
+
+
+def test_a_namespace_whose_policies_nobody_may_see_keeps_none_waiting():
+    watches = Watches(Refusing(), ["lab", "hall"], Recorder().operator, Mock(), time.monotonic)
+    watches.start()
+    until(lambda: watches.unlisted() == [])
+    watches.stop()
 
 
 class Clock:

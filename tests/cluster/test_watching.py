@@ -140,9 +140,10 @@ def test_a_paged_list_is_watched_from_its_common_resource_version():
 def test_a_list_whose_pages_have_expired_starts_over_and_forgets_nothing():
     gone = ActuationError("Expired", "the continue token is too old", retriable=True)
     first = a_list(an_item("slam"), version=4, more="next")
-    reported, asked = follow(first, gone, a_list(an_item("speech"), version=9))
-    assert reported == ["slam", "speech", "-uid-slam"], "it went between the two lists"
-    assert asked[-1] == "/pods since 9"
+    later = [a_list(an_item("speech"), version=version) for version in (9, 12)]
+    reported, asked = follow(first, gone, later[0], gone, later[1])
+    assert reported == ["slam", "speech", "-uid-slam", "speech"], "it went between the first two lists"
+    assert asked[-1] == "/pods since 12"
 
 
 @pytest.mark.parametrize("kind", ["MODIFIED", "ADDED"])

@@ -168,60 +168,6 @@ def test_a_cancelled_deletion_still_completes(running):
     assert running.limits() == {"slam": 400, "speech": 400}
 
 
-def replaced(**spec):
-    """Another policy of the same name."""
-    body = a_policy(**spec)
-    return {**body, "metadata": {**body["metadata"], "uid": "uid-another"}}
-
-
-def replace_unseen(operator, body):
-    """Somebody took its finalizer away while nobody watched."""
-    operator.cluster.policies["lab/robot"] = {}
-    operator.cluster.statuses.clear()
-    operator.cluster.change_originals("lab/robot", {})
-    operator.see()
-    operator.apply(body)
-    operator.settle()
-
-
-def test_a_policy_that_replaces_another_unseen_takes_up_none_of_its_state(running):
-    running.react(IMU, speed=0.3)
-    replace_unseen(running, replaced())
-    assert running.limits() == {"slam": 500, "speech": 500}, "this one has not heard that the robot moves"
-    assert None in running.session.plans(), "agents must not act on the plan of one that is gone"
-    assert running.condition("Accepted")[0] == "True"
-    running.react(IMU, speed=0.3)
-    assert running.limits() == {"slam": 800, "speech": 200}
-    assert running.cluster.policies["lab/robot"].keys() == {"uid-slam", "uid-speech"}
-
-
-def test_an_invalid_policy_that_replaces_another_unseen_does_not_keep_it_in_force(running):
-    running.react(IMU, speed=0.3)
-    replace_unseen(running, replaced(tasks=[a_task("slam", min="2", max="1")]))
-    assert running.limits() == {"slam": 400, "speech": 400}
-    assert running.condition("Accepted")[:2] == ("False", "Invalid")
-
-
-def test_a_policy_that_is_gone_without_a_release_is_restored(running):
-    """Somebody took its finalizer away and deleted it."""
-    running.react(IMU, speed=0.3)
-    del running.cluster.policies["lab/robot"]
-    running.operator.policy_gone("uid-robot")
-    running.settle()
-    assert running.limits() == {"slam": 400, "speech": 400}
-    assert running.session.plans()[-1] is None
-    assert running.operator.queries._registry.find("lab/robot") is None
-
-
-def test_the_end_of_a_former_policy_leaves_the_next_of_its_name_alone(running):
-    running.react(IMU, speed=0.3)
-    replace_unseen(running, replaced())
-    running.react(IMU, speed=0.3)
-    running.operator.policy_gone("uid-robot")
-    running.settle()
-    assert running.limits() == {"slam": 800, "speech": 200}
-
-
 @pytest.mark.parametrize("mode", ["Paused", "DryRun"])
 def test_pausing_restores_originals_and_resuming_enforces_again(running, mode):
     running.react(IMU, speed=0.3)

@@ -99,8 +99,13 @@ async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
 
 @kopf.on.event(GROUP, PLURAL)
 async def see(type: str | None, body: kopf.Body, memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name for it
-    """Anything of a policy has changed, its status too."""
-    if type != "DELETED":
+    """Anything of a policy has changed, its status too, or it is gone: kopf calls this after the handlers begun before.
+
+    The watch of policies may report an end while `apply` still reads what the policy names.
+    """
+    if type == "DELETED":
+        memo.operator.policy_gone(body.metadata.uid)
+    else:
         memo.operator.policy_seen(dict(body))
 
 

@@ -10,7 +10,7 @@ from contextpolicy.actuators.resize.vetting import Vetted
 from contextpolicy.bus.questions import Questions
 from contextpolicy.policies.policy_runner import PolicyRunner
 from contextpolicy.policies.promotion import Promotion
-from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, reference_of, uid_of
+from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, is_former, reference_of, uid_of
 from contextpolicy.policies.services import Services
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
 from contextpolicy.streams.retention import POOL, Retention
@@ -79,14 +79,12 @@ class PolicyManager:
     def adopt(self, body: Mapping[str, Any], loaded: Loaded, vetted: Vetted) -> bool:
         """Swap in a valid version; an invalid one leaves the last good one in force and says why.
 
-        Returns whether all that it names could be read.
+        Returns whether all that it names could be read, and no other object has its name now.
         """
+        if self._is_late(body):
+            return False
         reference = reference_of(body)
-        former = self._registry.present.get(reference)
-        if former is not None and uid_of(former.body) != uid_of(body):
-            self._end(former)
-        if self._registry.leaving.pop(reference, None) is not None:
-            metrics.forget(reference)  # of the object that was deleted; this one counts from 0
+        self._succeed(reference, uid_of(body))
         self._actuators.recall(reference, vetted.stored)
         entry = self._registry.present.setdefault(reference, PolicyEntry(body))
         known = loaded.rejected == entry.loaded.rejected
@@ -105,6 +103,9 @@ class PolicyManager:
 
     def drop(self, body: Mapping[str, Any], vetted: Vetted, done: Future[None]) -> None:
         """The policy is being deleted: end it, and finish `done` when its containers are as they were."""
+        if self._is_late(body):
+            _finish(done)
+            return
         reference = reference_of(body)
         self._actuators.recall(reference, vetted.stored)
         if reference not in self._registry.leaving:
@@ -166,6 +167,18 @@ class PolicyManager:
             if runs is not None and runs.policy is not None and (entry is edited or running != runs.policy):
                 self._swap(entry, runs.policy, runs.initiatives, session)
 
+    def _is_late(self, body: Mapping[str, Any]) -> bool:
+        present = self._registry.present.get(reference_of(body))
+        return present is not None and is_former(body, present.body)
+
+    def _succeed(self, reference: str, uid: str) -> None:
+        """End another policy of this name, if there is one; this one counts from 0."""
+        former = self._registry.present.get(reference)
+        if former is not None and uid_of(former.body) != uid:
+            self._end(former)
+        if self._registry.leaving.pop(reference, None) is not None:
+            metrics.forget(reference)
+
     def _end(self, entry: PolicyEntry) -> None:
         """The object is gone, and nobody waits until its containers are as they were."""
         self.drop(entry.body, Vetted(stored_in(entry.body)), Future())
@@ -219,9 +232,13 @@ class PolicyManager:
         if reference not in self._registry.present:
             self._publisher.forget(reference)
             metrics.forget(reference)
-        # The caller may have given up waiting.
-        if done.set_running_or_notify_cancel():
-            done.set_result(None)
+        _finish(done)
+
+
+def _finish(done: Future[None]) -> None:
+    """The caller may have given up waiting."""
+    if done.set_running_or_notify_cancel():
+        done.set_result(None)
 
 
 def _of(namespace: str, references: Iterable[str]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.cluster.pod_parsing import version_of
 from contextpolicy.policies.loader import Loaded
 from contextpolicy.telemetry.event_budget import EventBudget
 
@@ -94,6 +95,12 @@ def reference_of(body: Mapping[str, Any]) -> str:
 def uid_of(body: Mapping[str, Any]) -> str:
     """The UID of the object: one that is deleted and made again under the same name has another."""
     return str(body["metadata"].get("uid", ""))
+
+
+def is_former(body: Mapping[str, Any], present: Mapping[str, Any]) -> bool:
+    """Whether the present object came under the name of this one, which kopf may show late: each has its own queue."""
+    another = uid_of(body) != uid_of(present)
+    return another and version_of(body["metadata"]) < version_of(present["metadata"])
 
 
 def conditions_of(body: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -65,7 +65,7 @@ def _check_bounds(fields: Fields, task: policy.Task) -> None:
 
 def _check_protection(fields: Fields, task: policy.Task) -> None:
     if task.protected and task.subtasks:
-        allowed = "true on a task in a container: protect the subtasks that need it"
+        allowed = "true only on a task in a container: protect the subtasks that need it"
         fields.refuse("protected", fields.raw("protected"), allowed)
     if task.protected and task.needs.enforce is activities.Enforce.SUSPEND:
         fields.refuse("needs.enforce", task.needs.enforce.value, "Report: a protected task is never suspended")

@@ -67,6 +67,18 @@ def test_new_pod_goes_back_to_what_it_had_and_not_to_what_the_one_before_had():
     assert rig.cluster.limits("uid-slam-2") == {"slam": 550}
 
 
+def test_nothing_is_kept_of_pods_that_were_replaced_under_one_plan():
+    rig = two_pods()
+    prompt(rig, slam=600, speech=400)
+    rig.settle()
+    for last, new in zip(["uid-slam", "uid-1", "uid-2"], ["uid-1", "uid-2", "uid-3"], strict=True):
+        rig.remove(last)
+        rig.cluster.create(a_pod("slam", uid=new))
+        rig.settle()
+    assert rig.cluster.limits("uid-3") == {"slam": 600}
+    assert {uid for uid, _ in rig.resizer._reconcilers[POLICY]._before} == {"uid-3", "uid-speech"}
+
+
 def test_increase_that_does_not_need_the_refused_decrease_stays():
     rig = Rig(a_pod("slam"), a_pod("speech"), a_pod("nav"))
     prompt(rig, n=1500, slam=700, speech=300, nav=500)

@@ -23,7 +23,8 @@ def look(policy: str, target: Target, now: float) -> Conflict | None:
         return None
     ownership = pod.owned.get(container.name)
     if ownership is None:
-        had = _last_given(container, target.original)
+        written = spec != container.spec  # by us just now: the watch does not show it yet
+        had = spec if written else _last_given(container, target.original)
         # We never resized it, so no other client can have changed it yet.
         if had is None and spec != target.cpu:
             return None

@@ -80,6 +80,11 @@ class Reconciler:
             error = ActuationError("Unproven", unproven[pod.uid], retriable=False)
             self._observer.on_problem(self._policy, pod.view.name, error)
 
+    def forget(self, pod: TrackedPod) -> None:
+        """The pod is gone."""
+        for container in pod.view.containers:
+            self._before.pop((pod.uid, container.name), None)
+
     def concerns(self, pod: TrackedPod) -> bool:
         """Whether a change of the pod may matter to the policy."""
         view = pod.view

@@ -124,6 +124,8 @@ class PodResizer:
         pod = self._pods.pop(uid)
         if pod is not None:
             self._mark(pod)
+            for reconciler in self._reconcilers.values():
+                reconciler.forget(pod)
             self.originals.drop_pod(uid)
             self.contests.forget(uid)
 
