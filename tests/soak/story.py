@@ -21,7 +21,7 @@ TROUBLES = (
 )
 """What others do meanwhile, in good faith or not; each is over by itself."""
 FILLING = ("flood", "crowd", "large policy")
-"""Those that fill memory that is kept, such as the flight recorder's; in the first half only, likewise."""
+"""Those that fill memory that is kept, such as the flight recorder's: in the first half only, as those of PODS."""
 PODS = ("operator", "router")
 """Killed too, and started again by the kubelet; in the first half only, so that the second shows whether they grow."""
 
