@@ -208,7 +208,7 @@ def test_the_only_name_declared_is_expected_once_without_a_guess():
     ],
 )
 def test_a_refused_value_is_shown_as_yaml_has_it(value, shown):
-    """Who looks for `True` in a policy that says `true` does not find it; keys that JSON does not know stay as they are."""
+    """Keys that JSON does not know stay as Python has them."""
     assert Finding("spec", value, "else").problem() == f"invalid value {shown}: expected else"
 
 

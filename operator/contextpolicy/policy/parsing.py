@@ -99,7 +99,7 @@ def _context(fields: Fields) -> policy.Context:
         effects={task: _effect(item) for task, item in fields.mapping("tasks", limit=128).items()},
     )
     if "until" in fields and "when" not in fields:
-        fields.refuse("when", None, "a CEL condition, as until only ends what when begins")
+        fields.refuse("when", None, "a CEL condition, which until requires")
     fields.close()
     return result
 
