@@ -259,3 +259,10 @@ def test_a_name_that_is_declared_twice_is_offered_once():
     found = refused(tasks=[a_task("slam"), a_task("slam")], contexts=[a_context("x", "true", tasks={"speech": {}})])
     _, allowed = found["spec.contexts[0].tasks"]
     assert allowed == "slam"
+
+
+@pytest.mark.parametrize(("tasks", "allowed"), [({}, "a list"), ([], "at least one task"), (None, "at least one task")])
+def test_tasks_that_hold_none_are_one_mistake(tasks, allowed):
+    with pytest.raises(PolicyError) as caught:
+        parsing.parse({"metadata": {"name": "robot", "namespace": "lab"}, "spec": {"streams": [], "tasks": tasks}})
+    assert [found.allowed for found in caught.value.findings if found.field == "spec.tasks"] == [allowed]

@@ -51,7 +51,7 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         tasks=tuple(parse_task(item) for item in spec.nested_list("tasks", limit=128)),
         contexts=tuple(_context(item) for item in spec.nested_list("contexts", limit=64)),
     )
-    if not result.tasks:
+    if spec.raw("tasks") in (None, []):
         spec.refuse("tasks", spec.raw("tasks"), "at least one task")
     spec.close()
     return result
