@@ -43,9 +43,9 @@ STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
 MOST_DIFFERENCE = 20.0
 """Mean difference in brightness (of 255) of what is the same: flow stays at its guess where it finds nothing alike."""
 BRIGHT, MOST_GAIN = 200, 12
-"""The brightness (of 255) that a dark picture's brightest parts are raised to, and by how much a picture is at most."""
+"""The brightness (of 255) that a dark picture's brightest parts are raised to, and the largest gain."""
 BLOCKS = (16, 8)
-"""Parts of a picture, across and down, whose brightness is compared with that of the other camera's."""
+"""Blocks across and down a picture, whose brightness is compared between the cameras."""
 GRAINY = 3.0
 """The gain from which the picture is smoothed, as noise has been raised as well."""
 
@@ -96,13 +96,13 @@ def lit(image: Image) -> Image:
 
 
 def balanced(image: Image, other: Image) -> Image:
-    """A picture made as bright as another one of the same place, as flow finds things by their brightness."""
+    """A picture made as bright as one of the same place, because flow compares brightness."""
     gain = float(np.median(_blocks(other) / np.maximum(_blocks(image), 1)))
     return cv2.convertScaleAbs(image, alpha=min(gain, MOST_GAIN)).astype(np.uint8, copy=False)
 
 
 def _blocks(image: Image) -> Floats:
-    """Mean brightness of parts so wide that what one camera sees there, most of it is seen there by the other too."""
+    """Mean brightness of blocks so wide that both cameras see mostly the same in each."""
     return floats(cv2.resize(image[::4, ::4].astype(np.float32), BLOCKS, interpolation=cv2.INTER_AREA))
 
 

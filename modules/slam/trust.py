@@ -24,15 +24,15 @@ UNCORRECTED = 0.5
 """The part of the offset, or of what it moved by lately, that may be wrong at any place: on a highway whose calibration
 was off by 0.9 px it seemed to be 0.7 px here and 1.1 px there, and lenses err too."""
 MOST_SCALE_SPREAD, NEAR = 0.01, 1.0
-"""Standard deviation of the scale, metres for each metre of distance, from which a pose is doubted; and the metres
-from where the map begins, within which it may be as much as there."""
+"""Standard deviation of the scale, in metres per metre of distance, above which a pose is doubted. Nearer to where the
+map begins than these metres, the error in metres counts instead: it may be as large as at that distance."""
 MATCHING = 0.5
 """The part of the landmarks whose distance, measured again in a new keyframe, must be what the movement makes of it."""
 WORSE = 1.4
-"""Times as badly as by the movement alone they may fit: up to 1.2 on KITTI, and 1.37 where keyframes were few; 1.4 or
-more when the right camera was knocked by 0.7 pixels on the way."""
+"""How many times larger the misfit may be with the new distances than by the movement alone: at most 1.2 on KITTI, and
+1.37 where keyframes were few; 1.4 or more when the right camera was knocked by 0.7 pixels on the way."""
 MOST_JUMP = 8.0
-"""Standard deviations between the offset that the movement shows and the one with these distances: 6.3 at most on
+"""Standard deviations between the offset by the movement alone and the one with the new distances: at most 6.3 on
 KITTI, 10 or more when the camera was knocked by half a pixel before the offset was known."""
 MATCHED = 0.3
 """The part of a keyframe's corners that must have a depth: 0.49 or more on KITTI and EuRoC, 0.10 where a real rig's

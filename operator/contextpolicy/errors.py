@@ -23,6 +23,7 @@ ContextPolicyError
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -167,5 +168,15 @@ class DrawingError(ContextPolicyError):
 
 
 def _short(value: object, limit: int) -> str:
-    text = repr(value)
+    text = _written(value)
     return text if len(text) <= limit else f"{text[: limit - 3]}..."
+
+
+def _written(value: object) -> str:
+    """As the user's YAML has it, where Python would write `True` or `None`."""
+    if not isinstance(value, bool | dict | list):
+        return repr(value)
+    try:
+        return json.dumps(value, ensure_ascii=False, default=repr)
+    except (TypeError, ValueError):  # a key that JSON does not know, or an alias of what holds it
+        return repr(value)

@@ -60,13 +60,13 @@ def test_slow_restore_is_retried(monkeypatch, reported):
 
 
 @pytest.mark.parametrize("kind", [None, "ADDED", "MODIFIED"])
-def test_every_change_of_a_policy_is_shown_its_status_too(reported, kind):
+def test_edits_and_status_changes_of_a_policy_reach_the_operator(reported, kind):
     run(SEE(type=kind, body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(reported)))
     assert reported.calls == [("policy_seen", "robot")]
 
 
-def test_the_end_of_a_policy_is_reported_after_what_was_begun_with_it(reported):
-    """The watch of policies may report it while the handler still reads what the policy names."""
+def test_deletion_of_a_policy_reaches_the_operator_from_kopf_too(reported):
+    """After the handlers that kopf has begun; the watch of policies may report it while one still reads ConfigMaps."""
     run(SEE(type="DELETED", body=kopf.Body({"metadata": {"name": "robot", "uid": "uid-robot"}}), memo=memo(reported)))
     assert reported.calls == [("policy_gone", "uid-robot")]
 
@@ -101,8 +101,8 @@ def test_kopf_recognises_an_edit(edited, differs):
     assert (stored({**body, **edited}) != stored(body)) is differs
 
 
-def test_a_copy_is_not_taken_for_handled():
-    """Of a policy that was exported: it has the annotation of the object that it was copied from."""
+def test_policy_applied_from_an_export_is_not_taken_for_handled():
+    """The export has kopf's annotation of the object that it was copied from."""
     metadata = {"name": "robot", "uid": "one", "annotations": {}}
     body = {"metadata": metadata, "spec": {"reserve": "1"}}
     copy = {**body, "metadata": {**metadata, "uid": "other", "annotations": stored(body)}}

@@ -46,8 +46,8 @@ def _plural(path):
 
 
 @pytest.mark.parametrize("namespaces", [["lab"], []], ids=["named", "all"])
-def test_changes_reach_the_operator(namespaces):
-    """Of policies only their end: kopf reports none that went while it could not watch, or without our finalizer."""
+def test_changes_of_pods_and_nodes_and_deletions_of_policies_reach_the_operator(namespaces):
+    """Kopf does not report policies that were deleted while it could not watch, or without our finalizer."""
     api, reported = Api(), Recorder()
     watches = Watches(api, namespaces, reported.operator, Mock(), time.monotonic)
     watches.start()
@@ -60,7 +60,7 @@ def test_changes_reach_the_operator(namespaces):
 
 
 class Refusing(Api):
-    """Lets nobody see the policies of the hall."""
+    """Forbids listing the policies of the namespace hall."""
 
     def read_page(self, path, most):
         if "/hall/contextpolicies" in path:
@@ -68,7 +68,7 @@ class Refusing(Api):
         return super().read_page(path, most)
 
 
-def test_a_namespace_whose_policies_nobody_may_see_keeps_none_waiting():
+def test_namespace_whose_policies_may_not_be_listed_holds_up_no_other():
     watches = Watches(Refusing(), ["lab", "hall"], Recorder().operator, Mock(), time.monotonic)
     watches.start()
     until(lambda: watches.unlisted() == [])

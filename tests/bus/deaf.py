@@ -50,7 +50,7 @@ class _Relay:
         with suppress(OSError, ValueError):  # it is closed
             client, _ = self._door.accept()
             router = socket.create_connection(self._router)
-            # Kernels let a receive buffer grow as they are set up, to 32 MiB on some: that is more than tests send.
+            # Left alone, the receive buffer may grow to 32 MiB, more than the tests send.
             router.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
             self._ends = [client, router]
             other = {client: router, router: client}

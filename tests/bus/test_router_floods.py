@@ -142,7 +142,7 @@ FLOODS = {"samples": put("robot/camera"), "latched samples": put("robot/camera/@
 
 @pytest.fixture
 def patient_router(port, monkeypatch):
-    """Where it waits for a client that does not read, it does so until the test has failed."""
+    """It closes no connection during the test: if it waits for a client that does not read, the test fails."""
     monkeypatch.setattr(session, "CLOSE_AFTER", 2 * PATIENCE)
     with open_router([f"tcp/127.0.0.1:{port}"]):
         yield

@@ -147,10 +147,12 @@ def test_a_list_whose_pages_have_expired_starts_over_and_forgets_nothing():
 
 
 @pytest.mark.parametrize("kind", ["MODIFIED", "ADDED"])
-def test_object_that_takes_over_a_name_ends_the_one_before(kind):
+def test_object_that_takes_over_a_name_ends_the_one_before(kind, caplog):
     """A server whose cache missed the deletion shows it as one change."""
+    caplog.set_level("INFO")
     reported, _ = follow(a_list(an_item("slam"), version=4), Response(an_event(kind, an_item("slam", 7, "new"))))
     assert reported == ["slam", "-uid-slam", "slam"]
+    assert "slam was deleted and re-created; the watch did not report its deletion" in caplog.text
 
 
 def test_replaced_object_that_is_deleted_ends_both():

@@ -36,6 +36,18 @@ def test_a_task_that_a_context_suspends(capsys: pytest.CaptureFixture[str]) -> N
     ]
 
 
+def test_a_task_may_follow_options(capsys: pytest.CaptureFixture[str]) -> None:
+    """Argparse would take POLICY alone before the first option, and call the task unrecognized."""
+    ahead = explain(capsys, "delivery-robot", "speech", "--at", "12")
+    assert explain(capsys, "delivery-robot", "--at", "12", "speech") == ahead
+
+
+def test_one_word_more_is_refused_wherever_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["explain", "robot", "--timeline", DEMO, "slam", "--at", "12", "speech"])
+    assert "error: unrecognized arguments: speech\n" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [["explain"], ["why-not"], ["simulate"]], ids=" ".join)
 def test_yaml_equals_json(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
     """Straight from the planner its fields hold more than texts and numbers."""

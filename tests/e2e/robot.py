@@ -48,7 +48,7 @@ class Robot:
     def __init__(self, namespace: str, sensors: Sensors) -> None:
         self.namespace, self.sensors = namespace, sensors
         self._uids: dict[str, str] = {}
-        """Of the policies, by name."""
+        """UIDs of policies by name, also of deleted ones."""
 
     def drive(self, speed: float) -> None:
         """The IMU says that the robot moves at `speed` m/s, or stands still at 0."""
@@ -87,13 +87,13 @@ class Robot:
         return "", ""
 
     def reported(self, reason: str, name: str = "robot") -> list[str]:
-        """The messages of the policy's events with this reason; one of the same name before it is another."""
+        """The messages of the policy's Events with this reason, without those of earlier policies of the same name."""
         chosen = f"involvedObject.uid={self._uid(name)},reason={reason}"
         found = run("kubectl", "get", "events", "-n", self.namespace, "--field-selector", chosen, "-o", "json")
         return [event["message"] for event in json.loads(found)["items"]]
 
     def _uid(self, name: str) -> str:
-        """That of the policy, or of the last that was there; empty before any."""
+        """The policy's UID, or that of the last one with this name; empty if there was none."""
         with suppress(CommandError):
             self._uids[name] = get("ctxp", name, self.namespace)["metadata"]["uid"]
         return self._uids.get(name, "")

@@ -209,7 +209,7 @@ class Stage(Background):
         return True
 
     def replace(self, name, limit):
-        """The task's pod goes, and another one comes, of the same name."""
+        """Delete the task's pod, and create another one with the same name."""
         self.stop(name)
         apply(stateful_set(name, self.robot.namespace, limit))
         self._kubectl("rollout", "status", f"statefulset/{name}", "--timeout=60s")
@@ -220,7 +220,7 @@ class Stage(Background):
         self.watch.living[name] = Living(name, cgroup, limit)
 
     def stop(self, name):
-        """The task's pod goes, and then what says with which limit it came."""
+        """Delete the task's pod and its StatefulSet, in this order."""
         self.watch.living.pop(name, None)
         self.originals.pop(name, None)
         how = ("--ignore-not-found", "--cascade=foreground", "--timeout=60s")
@@ -231,9 +231,9 @@ class Stage(Background):
 
 
 def stateful_set(name, namespace, limit):
-    """A task with an owner that says with which limit its pod came, also when nobody else remembers it.
+    """A task whose StatefulSet states the original limit of its pod.
 
-    Who empties or forges the originals while no operator lives takes those of pods without an owner.
+    The original of a pod without an owner is lost if somebody empties or forges it while no operator runs.
     """
     resources = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": f"{limit}m", "memory": "64Mi"}}
     made = pod(name, namespace, IDLE, resources)

@@ -1,4 +1,4 @@
-"""Policies whose objects go without a release, and those that come under their names, in virtual time."""
+"""Policies that are deleted without our finalizer, and new ones with the same name, in virtual time."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from datetime import date
 
 import pytest
 
-from contextpolicy.errors import PolicyError
+from contextpolicy.errors import Finding, PolicyError
 from contextpolicy.policy import parsing
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.policy.parsing import refused
@@ -190,6 +190,28 @@ def test_a_name_is_refused_where_none_is_declared():
     assert refused(fallback="moving")["spec.fallback"] == ("moving", "no name, as none are declared")
 
 
+def test_the_only_name_declared_is_expected_once_without_a_guess():
+    """`expected one of imu; did you mean imu?` says it twice."""
+    found = refused(tasks=[a_task("slam")], contexts=[a_context("x", "true", tasks={"slan": {"weight": 1}})])
+    assert found["spec.contexts[0].tasks"] == ("slan", "slam")
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (True, "true"),
+        ({"weight": 1, "suspend": True}, '{"weight": 1, "suspend": true}'),
+        (["a", False], '["a", false]'),
+        ({date(2026, 1, 1): 1}, "{datetime.date(2026, 1, 1): 1}"),
+        ("banana", "'banana'"),
+        (float("inf"), "inf"),
+    ],
+)
+def test_a_refused_value_is_shown_as_yaml_has_it(value, shown):
+    """Keys that JSON does not know stay as Python has them."""
+    assert Finding("spec", value, "else").problem() == f"invalid value {shown}: expected else"
+
+
 @pytest.mark.parametrize(
     ("bounds", "allowed"),
     [
@@ -236,4 +258,11 @@ def test_a_selector_with_an_unknown_field_is_not_called_empty_too():
 def test_a_name_that_is_declared_twice_is_offered_once():
     found = refused(tasks=[a_task("slam"), a_task("slam")], contexts=[a_context("x", "true", tasks={"speech": {}})])
     _, allowed = found["spec.contexts[0].tasks"]
-    assert allowed == "one of slam"
+    assert allowed == "slam"
+
+
+@pytest.mark.parametrize(("tasks", "allowed"), [({}, "a list"), ([], "at least one task"), (None, "at least one task")])
+def test_tasks_that_hold_none_are_one_mistake(tasks, allowed):
+    with pytest.raises(PolicyError) as caught:
+        parsing.parse({"metadata": {"name": "robot", "namespace": "lab"}, "spec": {"streams": [], "tasks": tasks}})
+    assert [found.allowed for found in caught.value.findings if found.field == "spec.tasks"] == [allowed]

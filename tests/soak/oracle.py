@@ -65,7 +65,7 @@ def _plan(
 
 
 def _states(every: Iterable[Plan]) -> dict[str, set[Remembered]]:
-    """By task, what it may have at all while it has a pod."""
+    """By task, every weight and suspension that it may remember."""
     found: dict[str, set[Remembered]] = {}
     for plan in every:
         for node in plan.nodes.values():

@@ -112,5 +112,5 @@ class Troubles:
 
 
 def member(task: str) -> str:
-    """The pod of a task, which a StatefulSet of one has made."""
+    """The pod of a task's StatefulSet."""
     return f"{task}-0"

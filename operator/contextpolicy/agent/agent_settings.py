@@ -73,12 +73,12 @@ def _read(environment: Environment, priority: int, grace: float) -> AgentSetting
 def _findings(settings: AgentSettings, *, has_keys: bool) -> Iterator[Finding]:
     node, root, logs = settings.node, settings.cgroup_root, settings.logs
     if not node or "/" in node:
-        yield Finding("NODE_NAME", node, "the name of this node in the cluster")
+        yield Finding("NODE_NAME", node or None, "the name of this node in the cluster")
     yield from _missing_cgroups(root)
     if not logs.is_dir():
         yield Finding("POD_LOGS", str(logs), "the directory where the kubelet keeps the pods' logs")
     if not has_keys:
-        yield Finding("PLAN_SIGNING", "", "the directory of the certificate with the operator's public key")
+        yield Finding("PLAN_SIGNING", None, "the directory of the certificate with the operator's public key")
 
 
 def _missing_cgroups(root: Path) -> Iterator[Finding]:

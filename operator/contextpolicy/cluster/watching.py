@@ -150,7 +150,7 @@ class ObjectWatch:
         before = self._known.get(key, uid)
         self._known[key] = uid
         if before != uid:
-            log.info("%s: %s was replaced unseen", self._path, key)
+            log.info("%s: %s was deleted and re-created; the watch did not report its deletion", self._path, key)
             self._listener.on_gone(before)
         self._listener.on_object(item)
 

@@ -30,15 +30,31 @@ class CommandParser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**{"allow_abbrev": False, "formatter_class": HelpFormatter, **settings})
+        self._intermixed = False
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """Report unknown words here: argparse leaves them to the parser of all commands, whose help would not help."""
         found, unknown = super().parse_known_args(args, namespace)
+        if self._intermixed:
+            return found, unknown
+        if unknown and self._takes_fewer_words():
+            found, unknown = self._parse_words_between_options(args, namespace)
         if unknown:
             options = (word.partition("=")[0] for word in unknown if word.startswith("-"))
             meant = next(filter(None, (_meant(one, self._option_string_actions) for one in options)), "")
             self.error(f"unrecognized arguments: {' '.join(unknown)}{meant}")
         return found, unknown
+
+    def _takes_fewer_words(self) -> bool:
+        """Whether a last word may be absent: argparse takes it for absent if an option stands before it."""
+        return any(one.nargs == argparse.OPTIONAL for one in self._get_positional_actions())
+
+    def _parse_words_between_options(self, args: Sequence[str] | None, namespace: Any) -> Any:
+        self._intermixed = True
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._intermixed = False
 
     def error(self, message: str) -> NoReturn:
         """The message and where to find help, as wide as the terminal, and exit code 2."""

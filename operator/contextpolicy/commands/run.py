@@ -24,8 +24,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run the operator",
         description="Run the operator: watch ContextPolicy objects and sensor streams, resize the tasks' pods. "
         "Settings come from the environment: ZENOH_CONNECT, ZENOH_CREDENTIALS, PLAN_SIGNING, WATCH_NAMESPACES, "
-        "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LEASE (namespace/name, for "
-        "which replicas run), LEASE_SECONDS, LEASE_POD (name/UID of the pod with which it goes), "
+        "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LEASE (namespace/name of "
+        "the Lease that replicas compete for), LEASE_SECONDS, LEASE_POD (name/UID of the pod that owns it), "
         "ORIGINALS_KEY (namespace/name of the Secret with the key that signs originals), "
         "AGENTS (everywhere: report a node with tasks that has no node agent), IDENTITY, LOG_FORMAT, LOG_LEVEL.",
     )

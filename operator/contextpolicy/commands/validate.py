@@ -105,7 +105,7 @@ def _print_text(report: CheckReport) -> None:
         _count(errors, "error"),
         _count(len(report.problems) - errors, "warning"),
     )
-    print(", ".join(counts) if report.seen else "no ContextPolicy found", file=sys.stderr)
+    print(", ".join(counts) if report.seen or errors else "no ContextPolicy found", file=sys.stderr)
 
 
 def _count(number: int, one: str, many: str = "") -> str:

@@ -81,7 +81,7 @@ class Binder:
             self.place()
 
     def lose_node(self, uid: str) -> None:
-        """A node was deleted: nothing there is claimed any more, unless one of its name is reported with it."""
+        """A node was deleted. Placing waits for the loop's next turn, as a node of the same name may follow at once."""
         lost = self.nodes.pop(uid, None)
         if lost is not None:
             if lost.name not in {node.name for node in self.nodes.values()}:

@@ -51,7 +51,7 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         tasks=tuple(parse_task(item) for item in spec.nested_list("tasks", limit=128)),
         contexts=tuple(_context(item) for item in spec.nested_list("contexts", limit=64)),
     )
-    if not result.tasks:
+    if spec.raw("tasks") in (None, []):
         spec.refuse("tasks", spec.raw("tasks"), "at least one task")
     spec.close()
     return result
@@ -99,7 +99,7 @@ def _context(fields: Fields) -> policy.Context:
         effects={task: _effect(item) for task, item in fields.mapping("tasks", limit=128).items()},
     )
     if "until" in fields and "when" not in fields:
-        fields.refuse("when", None, "a CEL condition, as until only ends what when begins")
+        fields.refuse("when", None, "a CEL condition, which until requires")
     fields.close()
     return result
 

@@ -56,7 +56,7 @@ def _expressions(policy: Policy) -> Iterator[Finding]:
     contexts = [context.name for context in policy.contexts]
     for field, source, _ in expressions(policy):
         for unknown in sorted(Expression(source).variables - names):
-            yield Finding(field, unknown, f"a stream of this policy: {_list(names)}{did_you_mean(unknown, names)}")
+            yield Finding(field, unknown, f"a stream of this policy: {_offer(unknown, names)}")
         yield from _read_contexts(field, source, contexts)
     for index, stream in enumerate(policy.streams):
         for field, own_source in (
@@ -82,8 +82,12 @@ def _expressions(policy: Policy) -> Iterator[Finding]:
 def _read_contexts(field: str, source: str, names: Sequence[str]) -> Iterator[Finding]:
     for unknown in sorted(Expression(source).contexts - {*names}):
         cut = next((name for name in names if name.startswith(f"{unknown}-")), None)
-        meant = f"; contexts.{cut} is a subtraction: write contexts['{cut}']" if cut else did_you_mean(unknown, names)
-        yield Finding(field, unknown, f"a context of this policy: {_list(names)}{meant}")
+        offer = (
+            f"{_list(names)}; contexts.{cut} is a subtraction: write contexts['{cut}']"
+            if cut
+            else _offer(unknown, names)
+        )
+        yield Finding(field, unknown, f"a context of this policy: {offer}")
 
 
 def _graph(policy: Policy) -> Iterator[Finding]:
@@ -168,12 +172,18 @@ def _context_cycle(policy: Policy) -> Iterator[Finding]:
 
 def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
     if name not in names:
-        allowed = _list(names) + did_you_mean(name, names) if any(names) else "no name, as none are declared"
-        yield Finding(field, name, allowed)
+        yield Finding(field, name, _offer(name, names) if any(names) else "no name, as none are declared")
+
+
+def _offer(name: str, names: Iterable[str]) -> str:
+    """The names, and which of several may be meant."""
+    several = len({*names} - {""}) > 1
+    return _list(names) + (did_you_mean(name, names) if several else "")
 
 
 def _list(names: Iterable[str]) -> str:
     # A name that was refused when it was read is empty by now; its own finding has it.
     usable = sorted({name for name in names if name})
     more = f" and {len(usable) - MOST_NAMES} more" if len(usable) > MOST_NAMES else ""
-    return "one of " + ", ".join(usable[:MOST_NAMES]) + more if usable else "none are declared"
+    listed = ", ".join(usable[:MOST_NAMES]) + more
+    return f"one of {listed}" if len(usable) > 1 else listed or "none are declared"

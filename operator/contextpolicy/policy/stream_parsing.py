@@ -51,10 +51,10 @@ def parse_stream(fields: Fields) -> Stream:
 
 def _check_sources(fields: Fields, stream: Stream) -> None:
     if stream.key and "*" not in stream.key:
-        fields.refuse("sources", stream.sources, "a key with wildcards, which distinguish the sources")
+        fields.refuse("sources", stream.sources, "only with wildcards in key, which distinguish the sources")
     for name in ("debounce", "sampleEvery"):
         if name in fields:
-            expected = f"no {name} with sources: it would drop samples of one source in favour of another"
+            expected = "only without sources: it would drop samples of one source in favour of another"
             fields.refuse(name, fields.raw(name), expected)
     for number, feature in enumerate(stream.features):
         if feature.name in {"source", "sources"}:

@@ -43,12 +43,12 @@ def parse_task(fields: Fields) -> policy.Task:
 def _check_kind(fields: Fields, task: policy.Task) -> None:
     """A task runs in a container, or is a group of others."""
     if (task.selector is None) == (not task.subtasks):
-        allowed = "a selector for a task in a container, subtasks for one without"
+        allowed = "either a selector (a task in containers) or subtasks (a group of tasks)"
         fields.refuse("selector", fields.raw("selector"), allowed)
     if task.subtasks:
         for group_less in ("min", "max", "suspendedCpu", "needs", "container", "restartOnResize", "required"):
             if group_less in fields:
-                allowed = f"no {group_less} here: a task with subtasks has no container"
+                allowed = "only on a task with a selector: a task with subtasks has no container"
                 fields.refuse(group_less, fields.raw(group_less), allowed)
 
 
@@ -65,7 +65,7 @@ def _check_bounds(fields: Fields, task: policy.Task) -> None:
 
 def _check_protection(fields: Fields, task: policy.Task) -> None:
     if task.protected and task.subtasks:
-        allowed = "true only on a task in a container: protect the subtasks that need it"
+        allowed = "true only on a task with a selector: protect the subtasks that need it"
         fields.refuse("protected", fields.raw("protected"), allowed)
     if task.protected and task.needs.enforce is activities.Enforce.SUSPEND:
         fields.refuse("needs.enforce", task.needs.enforce.value, "Report: a protected task is never suspended")
@@ -82,7 +82,7 @@ def _activity(fields: Fields) -> activities.Activity:
     if "scoreFrom" in fields and "score" in fields:
         fields.refuse("score", fields.raw("score"), "either score or scoreFrom, not both")
     if result.until is not None and result.initiative is not None:
-        fields.refuse("until", result.until, "no until with initiative: the function decides when its score ends")
+        fields.refuse("until", result.until, "only without initiative: the function decides when its score ends")
     fields.close()
     return result
 
@@ -92,6 +92,6 @@ def _requirement(fields: Fields) -> activities.Requirement:
         fields.refuse("when", fields.raw("when"), "either when, a CEL condition, or task, the name of another task")
     result = value_of(activities.Requirement, fields)
     if result.task is not None and "hold" in fields:
-        fields.refuse("hold", fields.raw("hold"), "no hold with task: a task either can run or can't")
+        fields.refuse("hold", fields.raw("hold"), "only with when: a task either can run or can't")
     fields.close()
     return result

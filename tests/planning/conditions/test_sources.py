@@ -159,13 +159,13 @@ def test_an_edit_keeps_the_sources():
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
-        ({"key": "lift/left"}, "a key with wildcards"),
+        ({"key": "lift/left"}, "only with wildcards in key"),
         ({"sources": 0}, "an integer from 1 to 16"),
         ({"sources": 17}, "an integer from 1 to 16"),
         ({"sources": 2.5}, "an integer from 1 to 16"),
         ({"sources": True}, "an integer from 1 to 16"),
-        ({"debounce": "1s"}, "no debounce with sources"),
-        ({"sampleEvery": "1s"}, "no sampleEvery with sources"),
+        ({"debounce": "1s"}, "only without sources"),
+        ({"sampleEvery": "1s"}, "only without sources"),
         ({"features": [{"name": "sources", "op": "count", "over": "1s"}]}, "another name"),
     ],
 )

@@ -92,7 +92,7 @@ def expected(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str |
         ((*STREAM, "staleAfter"), "0s", "a duration above 0; omit it to keep a silent stream's last value forever"),
         ((*STREAM, "debounce"), "1m" * 17, "at most 32 characters"),
         (("spec", "force", "until"), "2027-01-01T00:00+01:00", "a date and time as in RFC 3339, such as"),
-        ((*GROUP, "subtasks"), [], "a selector for a task in a container, subtasks for one without"),
+        ((*GROUP, "subtasks"), [], "either a selector (a task in containers) or subtasks (a group of tasks)"),
         (("spec", "streams"), [], "at least one stream"),
         (("speck",), {}, "one of the fields apiVersion, kind, metadata, spec, status"),
     ],
