@@ -46,6 +46,8 @@ BRIGHT, MOST_GAIN = 200, 12
 """The brightness (of 255) that a dark picture's brightest parts are raised to, and by how much a picture is at most."""
 BLOCKS = (16, 8)
 """Parts of a picture, across and down, whose brightness is compared with that of the other camera's."""
+DARK = 1.0
+"""The brightness (of 255) below which a part says nothing: most of a picture may be black, at night or beside a lens."""
 GRAINY = 3.0
 """The gain from which the picture is smoothed, as noise has been raised as well."""
 
@@ -97,7 +99,9 @@ def lit(image: Image) -> Image:
 
 def balanced(image: Image, other: Image) -> Image:
     """A picture made as bright as another one of the same place, as flow finds things by their brightness."""
-    gain = float(np.median(_blocks(other) / np.maximum(_blocks(image), 1)))
+    here, there = _blocks(image), _blocks(other)
+    seen = np.minimum(here, there) >= DARK
+    gain = float(np.median(there[seen] / here[seen])) if seen.any() else 1.0
     return cv2.convertScaleAbs(image, alpha=min(gain, MOST_GAIN)).astype(np.uint8, copy=False)
 
 

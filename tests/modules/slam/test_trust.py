@@ -43,6 +43,14 @@ def test_little_light_is_enough(frames):
     assert position(dark[-1]) == pytest.approx(position(bright[-1]), abs=0.1)
 
 
+def test_what_a_lamp_lights_is_enough(frames):
+    columns, rows = np.meshgrid(np.linspace(-2.5, 2.5, 752), np.linspace(-2.2, 2.2, 480))
+    light = np.exp(-((columns**2 + rows**2) ** 2))
+    lit = run([[(picture * light).astype(np.uint8) for picture in pair] for pair in frames[:30:3]])
+    assert State.LOST not in {pose.state for pose in lit}
+    assert position(lit[-1]) == pytest.approx(position(run(frames[:30:3])[-1]), abs=0.05)
+
+
 @pytest.mark.parametrize("gain", [0.5, 0.77, 1.3])
 def test_cameras_of_unequal_brightness_agree(frames, gain):
     unequal = run([(left, cv2.convertScaleAbs(right, alpha=gain)) for left, right in frames])
