@@ -47,7 +47,7 @@ BRIGHT, MOST_GAIN = 200, 12
 BLOCKS = (16, 8)
 """Parts of a picture, across and down, whose brightness is compared with that of the other camera's."""
 DARK = 1.0
-"""The brightness (of 255) below which a part says nothing: most of a picture may be black, at night or beside a lens."""
+"""The brightness (of 255) below which a part says nothing: at night most may be black."""
 GRAINY = 3.0
 """The gain from which the picture is smoothed, as noise has been raised as well."""
 
