@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from modules.slam.tracking import Fix
 
 CAPACITY = 1000
-"""Keyframes that are remembered; each takes about 70 kB."""
+"""Keyframes that are remembered; each takes about 85 kB."""
 PATIENCE = 10
 """Pictures without a known place after which a lost camera starts over."""
 BESIDE = 2
