@@ -179,6 +179,16 @@ def test_a_camera_that_is_knocked_on_the_way_is_doubted_from_the_next_keyframe_o
     assert position(poses[kept]) == pytest.approx(position(run(frames[: start + kept + 1])[-1]), abs=0.02)
 
 
+@pytest.mark.parametrize("fails", [np.zeros_like, np.copy])
+def test_a_second_camera_that_fails_is_doubted_as_soon_as_it_is_needed(frames, fails):
+    module = slam()
+    module.effort = Effort(overlap=0.95)
+    poses = [track(module, left, right if number < 25 else fails(left)) for number, (left, right) in enumerate(frames)]
+    assert {pose.doubt for pose in poses[:25]} == {None}
+    assert poses[-1].doubt == "cameras disagree"
+    assert position(poses[-1]) == pytest.approx(position(run(frames)[-1]), abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
