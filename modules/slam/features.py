@@ -46,6 +46,8 @@ BRIGHT, MOST_GAIN = 200, 12
 """The brightness (of 255) that a dark picture's brightest parts are raised to, and the largest gain."""
 BLOCKS = (16, 8)
 """Blocks across and down a picture, whose brightness is compared between the cameras."""
+DARK = 1.0
+"""The brightness (of 255) below which a block says nothing: at night most may be black."""
 GRAINY = 3.0
 """The gain from which the picture is smoothed, as noise has been raised as well."""
 
@@ -97,7 +99,9 @@ def lit(image: Image) -> Image:
 
 def balanced(image: Image, other: Image) -> Image:
     """A picture made as bright as one of the same place, because flow compares brightness."""
-    gain = float(np.median(_blocks(other) / np.maximum(_blocks(image), 1)))
+    here, there = _blocks(image), _blocks(other)
+    seen = np.minimum(here, there) >= DARK
+    gain = float(np.median(there[seen] / here[seen])) if seen.any() else 1.0
     return cv2.convertScaleAbs(image, alpha=min(gain, MOST_GAIN)).astype(np.uint8, copy=False)
 
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from modules.slam.tracking import Fix
 
 CAPACITY = 1000
-"""Keyframes that are remembered; each takes about 70 kB."""
+"""Keyframes that are remembered; each takes about 85 kB."""
 PATIENCE = 10
 """Pictures without a known place after which a lost camera starts over."""
 BESIDE = 2
@@ -102,8 +102,8 @@ class StereoSlam:
         fixes = self._locate(picture)
         beside = self._beside(right(), rectified) if self._is_needed(fixes) else None
         self._follow(fixes)
-        kept = beside is not None and self._keep(picture, beside, fixes)
-        return self._pose(fixes, is_keyframe=kept)
+        kept, why = (False, None) if beside is None else self._keep(picture, beside, fixes)
+        return self._pose(fixes, why, is_keyframe=kept)
 
     def _beside(self, right: Image, left: Image) -> Picture:
         return Picture(balanced(self._rectifier.right(right), left), self.effort.features)
@@ -158,18 +158,22 @@ class StereoSlam:
         self._lost = 0
         self._reference, self._reference_from_camera = best.keyframe, best.keyframe_from_camera
 
-    def _keep(self, picture: Picture, beside: Picture, fixes: list[Fix]) -> bool:
-        """Make a picture with enough depth a keyframe; without a fix it starts over from the last pose."""
+    def _keep(self, picture: Picture, beside: Picture, fixes: list[Fix]) -> tuple[bool, str | None]:
+        """Make a picture with enough depth a keyframe, or say why it has little, if the right camera may have failed.
+
+        Without a fix it starts over from the last pose.
+        """
         why = self._confirm(picture, beside, fixes)
         offset = self._tracker.offset.pixels
         disparities = measure(picture, beside) - offset * turn_shifts(self._rectifier.matrix, picture.features.pixels)
         disparities[disparities < MIN_DISPARITY] = np.nan
         points = self._rectifier.in_space(picture.features.pixels, disparities)
         known = int(np.isfinite(points[:, 2]).sum())
+        why = why or depth_doubt(known, len(points))
         if known < MIN_POINTS:
-            return False
+            return False, why
         keyframe = self.map.add(self.world_from_camera, picture, points, fixes)
-        keyframe.doubt, keyframe.offset = why or depth_doubt(known, len(points)), offset
+        keyframe.doubt, keyframe.offset = why, offset
         self._places.add(keyframe.number, picture.features.descriptors)
         self.loops.remember(keyframe)
         self._reference, self._reference_from_camera = keyframe, np.eye(4)
@@ -177,7 +181,7 @@ class StereoSlam:
         forgotten = self.map.forget()
         if forgotten is not None:
             self._places.forget(forgotten)
-        return True
+        return True, None
 
     def _confirm(self, picture: Picture, beside: Picture, fixes: list[Fix]) -> str | None:
         """Correct the best fix by the second picture, or return why the two cameras contradict each other."""
@@ -193,7 +197,7 @@ class StereoSlam:
         self._tracker.offset = known.learned(confirmed.offset)
         return None
 
-    def _pose(self, fixes: list[Fix], *, is_keyframe: bool) -> Pose:
+    def _pose(self, fixes: list[Fix], failed: str | None, *, is_keyframe: bool) -> Pose:
         body_from_camera = self._rectifier.body_from_camera
         world_from_body = self.world_from_camera @ inverse(body_from_camera)
         reference = self._reference
@@ -202,6 +206,7 @@ class StereoSlam:
         inliers = fixes[0].inliers if fixes else len(reference)  # a new start is where it is by definition
         covariance = fixes[0].covariance_in_map if fixes else reference.covariance
         why = doubt(fixes[0], float(np.linalg.norm(world_from_body[:3, 3]))) if fixes else reference.doubt
+        why = why or failed
         state = State.ADRIFT if reference.segment else State.DEGRADED if why else State.TRACKING
         in_world = turned(carried(covariance, body_from_camera), world_from_body)
         if fixes:

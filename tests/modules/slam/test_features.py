@@ -45,6 +45,19 @@ def test_disparities_do_not_depend_on_how_bright_the_second_picture_is(gain):
     assert np.nanmedian(np.abs(other - same)) < 0.05
 
 
+def test_equally_bright_pictures_stay_so_where_most_of_them_is_black():
+    image = wall()
+    image[:, 100:] = 0
+    assert (balanced(image, image) == image).all()
+    assert balanced(image // 2, image).mean() == pytest.approx(image.mean(), rel=0.02)
+
+
+def test_a_black_picture_and_a_picture_beside_a_black_one_stay_as_they_are():
+    black = np.zeros((48, 64), np.uint8)
+    assert not balanced(black, wall()).any()
+    assert (balanced(wall(), black) == wall()).all()
+
+
 def test_a_picture_without_light_stays_dark():
     assert balanced(np.full((48, 64), 1, np.uint8), wall()).max() == MOST_GAIN
 
