@@ -7,6 +7,8 @@ link instead, and the sender's side drops what does not fit. It must not block.
 
 from __future__ import annotations
 
+import ctypes
+import threading
 from typing import TYPE_CHECKING, TypeVar
 
 from zenoh.handlers import Callback
@@ -17,6 +19,31 @@ if TYPE_CHECKING:
 Message = TypeVar("Message")
 
 
+class _Kept(threading.local):
+    """Whether Python keeps its state of this thread; forgotten with that state."""
+
+    state = False
+
+
+_kept = _Kept()
+
+
 def directly(callback: Callable[[Message], None]) -> Callback[Message]:
     """The handler to declare."""
-    return Callback(callback, indirect=False)
+
+    def call(message: Message) -> None:
+        if not _kept.state:
+            _keep_state()
+        callback(message)
+
+    return Callback(call, indirect=False)
+
+
+def _keep_state() -> None:
+    """Have Python keep its state of this thread, which it did not start, when the callback returns.
+
+    Otherwise each callback maps 16 KiB for the stack of a new state and unmaps it again, which interrupts all threads:
+    a third of what a sample costs. Zenoh has a few such threads, and ends none before the process does.
+    """
+    ctypes.pythonapi.PyGILState_Ensure()
+    _kept.state = True
