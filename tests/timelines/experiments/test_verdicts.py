@@ -72,6 +72,15 @@ def test_a_task_without_results_was_wrong_throughout():
     assert accuracy(pair(a_run("weights"), before))["speech"] == (0.0, 0.75)
 
 
+def test_the_accuracy_of_a_critical_task_is_that_in_its_context():
+    """As coverage is; what signs lose while the robot drives is tabulated."""
+    own, whole = ["signs read", 100.0, "%", 3, True], ["signs read", 40.0, "%", 10, True]
+    speech = ["commands heard", 75.0, "%", 4, True]
+    before = a_run("linux", accuracy={"speech": speech, "talk: speech": own, "signs": own})
+    after = a_run("weights", accuracy={"speech": whole, "talk: speech": own, "signs": whole})
+    assert accuracy(pair(after, before)) == {"talk: speech": (1.0, 1.0)}
+
+
 def test_wheel_commands_count_the_frames_that_are_due():
     due, times = Run(SCHEDULE, a_run("linux", slam="iidii" + "iiiii")).commands("drive")
     assert (due, times) == (5, [0.06] * 4)
