@@ -134,14 +134,21 @@ def _static(evidence: Evidence) -> str:
     for goal in GOALS:
         if goal.metric == "critical hit rate" and goal.configuration in (WEIGHTS.name, WEIGHTS_GATED.name):
             gated = CONFIGURATIONS[goal.configuration].gated
-            reach = [one.title for one in FACTORS if one.gated is gated and _reaches(evidence, goal, one.name)]
-            lines.append(f"- {goal.name}: {', '.join(reach) or 'none of those that were measured'}.\n")
+            found = {one.title: _reaches(evidence, goal, one.name) for one in FACTORS if one.gated is gated}
+            reach = [title for title, reached in found.items() if reached]
+            none = (
+                "none of those that were measured" if False in found.values() else "not measured, or in too few blocks"
+            )
+            lines.append(f"- {goal.name}: {', '.join(reach) or none}.\n")
     return "Which configurations reach the goals of the critical tasks (uncorrected):\n\n" + "".join(lines)
 
 
-def _reaches(evidence: Evidence, goal: Goal, configuration: str) -> bool:
+def _reaches(evidence: Evidence, goal: Goal, configuration: str) -> bool | None:
+    """None where nothing was measured, or too little to be sure."""
     cases = judged(evidence, Goal(goal.name, goal.load, configuration, goal.against, goal.metric, offset=goal.offset))
-    return bool(cases) and max(case.probability for case in cases) <= SIGNIFICANT
+    if not cases or 0.5 ** min(case.gain.pairs for case in cases) > SIGNIFICANT:
+        return None
+    return max(case.probability for case in cases) <= SIGNIFICANT
 
 
 def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:

@@ -39,6 +39,14 @@ def test_report_lists_other_divisions_that_reach_the_goal(text):
     assert "less 2 points (gated): context weights, gated.\n" in text
 
 
+def test_of_too_few_blocks_it_does_not_say_that_none_reaches_a_goal(tmp_path):
+    """Four that agree have a probability of 1/16."""
+    for count, said in ((4, "not measured, or in too few blocks"), (5, "context weights, gated")):
+        runs = [a_run("weights-gated", block=block) for block in range(count)]
+        text = write_report(evidence(*runs, a_run("alone")), tmp_path).read_text(encoding="utf-8")
+        assert f"less 2 points (gated): {said}.\n" in text
+
+
 def test_it_says_which_code_was_run(text, tmp_path):
     assert "Code: commit abc1234." in text
     other = a_run("weights")
