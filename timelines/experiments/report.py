@@ -39,6 +39,10 @@ THREATS = """\
 - Each task's own hit rate alone comes from few runs, and counts as known.
 - A wheel command ends where navigation has written it; the motors' own delay is not in it.
 - Loads follow from what each task takes alone; beside others the same input takes more.
+- CPU of an input is what its process takes meanwhile, with what the bus brings for the next ones: an input that waits
+  longer counts more of that.
+- Linux default is what the robot's chart requests: 10m for each task, but 110m and 160m in all for the pods of arm and
+  navigation, which have drivers beside them. Static weights are searched with these in place.
 - A VerticalPodAutoscaler decides about once a minute, and a story takes no longer.
 - Weights were tuned on stories of the same kind as those that are held out.
 """

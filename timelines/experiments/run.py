@@ -157,6 +157,8 @@ class _Recording:
             "cpu": account.spent,
             "drained": drained,
         }
+        if self._trial.configuration.static:
+            about["weights"] = dict(self._conditions.weights)
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
 
     def _play(self) -> tuple[list[Report], bool]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.capacity import Capacity
-from timelines.experiments.configurations import ALONE, LINUX, WEIGHTS
+from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
 from timelines.experiments.run import Conditions, TimelineSource, execute
@@ -90,6 +91,13 @@ def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
     assert kept.about["drained"]
     assert kept.about["finished"] > 0
     assert kept.about["code"] == "abc1234"
+    assert "weights" not in kept.about
+
+
+def test_a_run_with_static_weights_has_them(node, tmp_path):  # noqa: ARG001
+    static = TRIAL._replace(configuration=STATIC)
+    execute(static, replace(conditions(tmp_path), weights={"slam": 7}), tmp_path / "run")
+    assert read_run(tmp_path / "run").about["about"]["weights"] == {"slam": 7}
 
 
 def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
