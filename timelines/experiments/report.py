@@ -215,6 +215,6 @@ def _drawn(evidence: Evidence, figures: Path) -> Iterator[tuple[str, str]]:
         for run in evidence.of(HEAVY, HELD_OUT[0].name, one.name)[:1]:
             pictures.draw_use(run, figures / f"used-{one.name}.svg")
             yield f"used-{one.name}.svg", f"{one.title}: CPU that each task used over time"
-            if run.record.plans:
+            if run.record.plans and one.contextual:
                 pictures.draw_decisions(run, figures / f"decided-{one.name}.svg")
                 yield f"decided-{one.name}.svg", f"{one.title}: contexts, weights and shares over time"

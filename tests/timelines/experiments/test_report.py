@@ -81,6 +81,13 @@ def test_pictures_are_there_and_the_same_data_gives_the_same_ones(out, text, tmp
         assert (out / "figures" / name).read_bytes() == (tmp_path / "figures" / name).read_bytes()
 
 
+def test_decisions_are_drawn_where_they_are_carried_out(out):
+    """A dry run's shares are nobody's."""
+    names = {path.name for path in (out / "figures").iterdir()}
+    assert "decided-weights-gated.svg" in names
+    assert {"decided-linux-gated.svg", "decided-static-gated.svg"}.isdisjoint(names)
+
+
 def test_pictures_have_whole_lines_with_their_names_beside_them(out):
     drawn = {path.name: path.read_text(encoding="utf-8") for path in (out / "figures").iterdir()}
     assert [name for name, text in drawn.items() if "dasharray" in text or "legend" in text] == []
