@@ -127,6 +127,15 @@ def test_a_run_whose_player_skipped_inputs_is_rejected(run):
         record(TRIAL, run, SCHEDULE, {})
 
 
+def test_a_run_during_which_the_machine_stood_still_is_rejected(run):
+    """What comes late comes all at once: it says nothing about who gets the CPU."""
+    run.published[STEREO] = [at(0.001), at(1), at(3.2), at(3.3)]
+    with pytest.raises(
+        DeployError, match=r"50 % of the inputs were published more than 0\.2 s late: expected at most 1 %"
+    ):
+        record(TRIAL, run, SCHEDULE, {})
+
+
 def drives(forward=0.3):
     return {"does": "drive" if forward else "talk", "forward": forward, "stamp": 7}
 
