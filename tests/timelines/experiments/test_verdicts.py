@@ -96,6 +96,14 @@ def test_ten_blocks_that_agree_meet_a_goal_and_four_decide_nothing():
     assert missed.met is False
 
 
+def test_a_few_blocks_that_fall_short_decide_nothing_yet():
+    """A goal is missed early only where its interval says so, of as many blocks as a test takes."""
+    short, well = ("iiiid" + "iiiii", "i" * 10)
+    for slams, met in (((short,), None), ((short, *[well] * 5), None), ((short,) * 5, False)):
+        runs = [a_run("weights", slam=slam, block=block) for block, slam in enumerate(slams)]
+        assert verdicts(evidence(*runs, a_run("alone")), [HITS, *GOALS[1:]])[0].met is met
+
+
 def test_so_many_blocks_as_all_goals_together_need_decide():
     """Seven goals: seven blocks that agree have a probability of 7/128."""
     for count, met in ((7, None), (8, True)):
