@@ -36,6 +36,8 @@ THREATS = """\
 - Cores of a server, slowed by threads of realtime priority that take their part of every 2 ms: caches, memory and
   frequency are not a board's.
 - One machine, one kernel and one version of cgroups; the blocks ran within days of each other.
+- Ten blocks may have nothing of what fails in fewer than one of ten, and bootstrap intervals of three blocks (the
+  paper's stories, adaptive modules) are narrower than 95 %.
 - Each task's own hit rate alone comes from few runs, and counts as known.
 - A wheel command ends where navigation has written it; the motors' own delay is not in it.
 - Loads follow from what each task takes alone; beside others the same input takes more.
