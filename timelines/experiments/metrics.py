@@ -108,7 +108,7 @@ def coverage(pair: Pair) -> dict[str, Case]:
 def accuracy(pair: Pair) -> dict[str, Case]:
     """How right the critical and the protected tasks were, as rates; a task without results was wrong throughout.
 
-    A critical task is judged in its context where its results can be told apart, else over the whole story.
+    A critical task is judged in its own context where each result belongs to one, else over the whole story.
     """
     both = pair.record.accuracy.keys() | pair.base.accuracy.keys()
     own = {f"{context}: {task}": task for context, task in contexts(pair.schedule).items()}
