@@ -15,7 +15,7 @@ from robotkit import Input, Module, Needs, Task
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
 from tests.timelines.experiments.made_up import a_run
-from timelines.demo import deploy
+from timelines.demo import cgroup, deploy
 from timelines.experiments import collect, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
@@ -213,3 +213,18 @@ def test_a_policy_that_stays_ends_the_run(monkeypatch):
     monkeypatch.setattr(deploy, "run", run)
     with pytest.raises(deploy.DeployError):
         installation.stop_robot()
+
+
+def test_a_container_that_is_ending_is_none_of_the_controls(monkeypatch):
+    """The agent of the configuration before: it is gone before the run ends."""
+
+    def pod(name, **metadata):
+        status = {"name": name, "containerID": f"containerd://{name}", "state": {"running": {}}}
+        return {"metadata": metadata, "status": {"containerStatuses": [status]}}
+
+    pods = {"items": [pod("operator"), pod("agent", deletionTimestamp="2026-11-27T20:00:00Z")]}
+    monkeypatch.setattr(deploy, "run", lambda *_, **__: json.dumps(pods))
+    monkeypatch.setattr(deploy, "containers", lambda: {"slam": "containerd://slam"})
+    monkeypatch.setattr(deploy, "TASKS", ("slam",))
+    monkeypatch.setattr(cgroup, "find", lambda identity: identity)
+    assert installation.cgroups().keys() == {"slam", "operator"}
