@@ -64,8 +64,8 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
 
 def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
     """DeployError where gating or contexts had no effect: the run would count for a configuration that it was not."""
-    if (trial.configuration.gated or trial.configuration.contextual) and not run.plans:
-        raise DeployError(f"{trial}: no plan was received")
+    if trial.configuration.gated or trial.configuration.contextual:
+        _check_contexts(trial, run, schedule)
     for task, own in schedule.inputs.items():
         away = [(begin + HEEDED, end) for begin, end in run.away(task)]
         for name, key in own.items():
@@ -73,6 +73,16 @@ def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
             done = sum(one in run.done[task, name] for one in inside)
             if len(inside) >= FEW and 2 * done > len(inside):
                 raise DeployError(f"{trial}: {task} did {done} of {len(inside)} inputs while it was suspended")
+
+
+def _check_contexts(trial: Trial, run: RunData, schedule: Schedule) -> None:
+    """DeployError if the policy did not see each context of the story, as the simulation does."""
+    if not run.plans:
+        raise DeployError(f"{trial}: no plan was received")
+    due = {name for window in schedule.windows for name in window.contexts}
+    unseen = sorted(due - {name for plan in run.plans for name in plan["contexts"]})
+    if unseen:
+        raise DeployError(f"{trial}: no plan had {', '.join(unseen)}")
 
 
 def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:

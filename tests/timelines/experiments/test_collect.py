@@ -94,6 +94,14 @@ def test_a_run_without_a_plan_of_its_policy_is_rejected(run):
     assert record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {}).plans == []
 
 
+def test_a_run_whose_policy_never_saw_a_context_is_rejected(run):
+    """As where the operator had lost the mission's stream: CPU would not have moved."""
+    run.plans = [{**plan(1, -5), "contexts": []}]
+    with pytest.raises(DeployError, match="no plan had drive"):
+        record(TRIAL, run, SCHEDULE, {})
+    record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {})
+
+
 def test_a_run_whose_modules_did_not_pause_is_rejected(run):
     run.plans = [plan(1, 0, "slam")]
     times = [n / 20 for n in range(80)]
