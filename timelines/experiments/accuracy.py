@@ -1,7 +1,8 @@
 """How right each task was: its results against the timeline's truth. Pure, but for the poses' ground truth on disk.
 
 Commands, signs and orders count where their context wants the task, by the timeline and the same in every run: what a
-run did not hear because it was suspended is not heard.
+run did not hear because it was suspended is not heard. Commands and signs count by themselves in the contexts that are
+about them as well: elsewhere others come first.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from statistics import mean
 from typing import TYPE_CHECKING, Any
 
 from robotkit.accuracy import Event, match_events
+from timelines.experiments.metrics import contexts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -48,8 +50,11 @@ class Judge:
     datasets: Path
 
     def accuracy(self, run: RunData) -> dict[str, Accuracy]:
-        """Of each task that published anything that can be judged."""
+        """Of each task that published anything that can be judged, and of `context: task`."""
         judged = {task: judge(self, run) for task, judge in _JUDGES.items() if task in self.schedule.inputs}
+        for context, task in contexts(self.schedule).items():
+            if task in _EVENTS:
+                judged[f"{context}: {task}"] = _EVENTS[task](self, run, context)
         return {task: found for task, found in judged.items() if found is not None}
 
     def truths(self, key: str) -> Iterator[Any]:
@@ -59,6 +64,10 @@ class Judge:
     def away(self, task: str) -> list[tuple[float, float]]:
         """When no context wants the task."""
         return [(one.begin, one.end) for one in self.schedule.windows if task in one.suspended]
+
+    def counts(self, at: float, context: str | None) -> bool:
+        """Whether a moment is in a context; any is where none is given."""
+        return context is None or any(one.begin <= at < one.end for one in self.schedule.windows if one.name == context)
 
 
 def _poses(judge: Judge, run: RunData) -> Accuracy | None:
@@ -82,18 +91,19 @@ def _poses(judge: Judge, run: RunData) -> Accuracy | None:
     return Accuracy("ATE", report["ate"]["rmse"], "m", report["compared"], more_is_better=False)
 
 
-def _signs(judge: Judge, run: RunData) -> Accuracy | None:
+def _signs(judge: Judge, run: RunData, context: str | None = None) -> Accuracy | None:
     """How many signs were reported, of those that came into view."""
     reported = [(one.at, str(one.value.get("text"))) for one in run.results.get("robot/signs/number", ())]
     truth = [
         (float(sign["from"]), float(sign["to"]), str(sign["text"]))
         for one in judge.truths("robot/camera/side")
         for sign in one.get("signs", ())
+        if judge.counts(float(sign["from"]), context)
     ]
     return _found(judge, run, "signs", "signs read", reported, truth, late=LINGERS)
 
 
-def _commands(judge: Judge, run: RunData) -> Accuracy | None:
+def _commands(judge: Judge, run: RunData, context: str | None = None) -> Accuracy | None:
     """How many commands were heard, of those that were said."""
     reported = [
         (float(one.value["at"]), str(one.value["keyword"])) for one in run.results.get("robot/speech/keyword", ())
@@ -102,6 +112,7 @@ def _commands(judge: Judge, run: RunData) -> Accuracy | None:
         (float(word["at"]), float(word["at"]) + 1.0, str(word["keyword"]))
         for words in judge.truths("robot/microphone")
         for word in words
+        if judge.counts(float(word["at"]), context)
     ]
     return _found(judge, run, "speech", "commands heard", reported, truth, late=LATE)
 
@@ -170,6 +181,8 @@ def _doing(truth: object) -> object:
     return truth.get("doing") if isinstance(truth, dict) else None
 
 
+_EVENTS: Mapping[str, Callable[[Judge, RunData, str | None], Accuracy | None]] = {"signs": _signs, "speech": _commands}
+"""Of tasks whose results are single events, each of which is in one context."""
 _JUDGES: Mapping[str, Callable[[Judge, RunData], Accuracy | None]] = {
     "slam": _poses,
     "signs": _signs,

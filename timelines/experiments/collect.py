@@ -14,7 +14,7 @@ from timelines.experiments.executive import KEYWORD, POSE
 from timelines.experiments.record import Column, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from timelines.experiments.accounting import Timing
     from timelines.experiments.accuracy import Accuracy
@@ -27,16 +27,23 @@ HEEDED = 0.5
 """Seconds after which a suspended module has received the plan, and finished the input that it was working on."""
 FEW = 10
 """Inputs that are too few to judge by which part of them was done."""
+TOO_LATE, SELDOM = 0.2, 0.01
+"""Seconds by which the player may be late itself, but for a part of all inputs: more is a machine that stood still."""
 
 
 def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, Accuracy]) -> Record:
-    """The record of a run; DeployError if not all that was due was published, or what was decided was not heeded."""
+    """The record of a run.
+
+    DeployError if not all that was due was published, or too late, or if what was decided was not heeded.
+    """
     _check_decisions(trial, run, schedule)
     _check_log(trial, run, schedule)
     for key in _taken(schedule):
         published, due = len(run.published.get(key, ())), len(schedule.keys[key])
         if published != due:
             raise DeployError(f"{trial}: {published} inputs on {key}: expected {due}")
+    late = _lateness(run, schedule)
+    _check_player(trial, late)
     return Record(
         load=trial.load,
         story=trial.story.name,
@@ -45,7 +52,7 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
         columns={
             task: {name: _column(run, schedule, task, name) for name in own} for task, own in schedule.inputs.items()
         },
-        late=_lateness(run, schedule),
+        late=late,
         about={**run.about["about"], "finished": _finished(run)},
         plans=_plans(run),
         used={name: _used(run, name) for name in sorted(run.counters)},
@@ -57,8 +64,8 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
 
 def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
     """DeployError where gating or contexts had no effect: the run would count for a configuration that it was not."""
-    if (trial.configuration.gated or trial.configuration.contextual) and not run.plans:
-        raise DeployError(f"{trial}: no plan was received")
+    if trial.configuration.gated or trial.configuration.contextual:
+        _check_contexts(trial, run, schedule)
     for task, own in schedule.inputs.items():
         away = [(begin + HEEDED, end) for begin, end in run.away(task)]
         for name, key in own.items():
@@ -68,6 +75,16 @@ def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
                 raise DeployError(f"{trial}: {task} did {done} of {len(inside)} inputs while it was suspended")
 
 
+def _check_contexts(trial: Trial, run: RunData, schedule: Schedule) -> None:
+    """DeployError if the policy did not see each context of the story, as the simulation does."""
+    if not run.plans:
+        raise DeployError(f"{trial}: no plan was received")
+    due = {name for window in schedule.windows for name in window.contexts}
+    unseen = sorted(due - {name for plan in run.plans for name in plan["contexts"]})
+    if unseen:
+        raise DeployError(f"{trial}: no plan had {', '.join(unseen)}")
+
+
 def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:
     """DeployError if the recording lacks inputs that were done: they would count as lost."""
     for task, own in schedule.inputs.items() if run.about["about"]["drained"] else ():
@@ -75,6 +92,15 @@ def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:
             heard, done = len(run.done[task, name]), run.counted.get(task, {}).get(name, 0)
             if heard < done:
                 raise DeployError(f"{trial}: the recording has {heard} inputs of {task} as done: expected {done}")
+
+
+def _check_player(trial: Trial, late: Mapping[str, Sequence[int]]) -> None:
+    """DeployError if the player was late so often that its inputs came in heaps."""
+    every = [one > TOO_LATE * TENTHS for own in late.values() for one in own]
+    part = sum(every) / max(len(every), 1)
+    if part > SELDOM:
+        said = f"{100 * part:.0f} % of the inputs were published more than {TOO_LATE} s late"
+        raise DeployError(f"{trial}: {said}: expected at most {100 * SELDOM:.0f} %")
 
 
 def _column(run: RunData, schedule: Schedule, task: str, name: str) -> Column:

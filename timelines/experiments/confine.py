@@ -37,10 +37,13 @@ def confine(cgroups: Mapping[str, Contained], tasks: Collection[str], processors
 
 
 def check(cgroups: Mapping[str, Contained], tasks: Collection[str], processors: set[int]) -> None:
-    """DeployError if a task has got more, since somebody has written its cpuset, or was started again meanwhile."""
-    for task in tasks:
-        if task in cgroups and not cgroups[task].processes():
-            raise DeployError(f"the container of {task} has ended during the run")
+    """DeployError if a task has got more, since somebody has written its cpuset.
+
+    Nor may any container have been started again meanwhile: what it used until then is no longer counted.
+    """
+    for name, cgroup in cgroups.items():
+        if not cgroup.processes():
+            raise DeployError(f"the container of {name} has ended during the run")
     for thread in _threads(cgroups, tasks):
         with suppress(ProcessLookupError):
             if not os.sched_getaffinity(thread) <= processors:

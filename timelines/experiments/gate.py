@@ -28,7 +28,11 @@ def enforced(payload: bytes) -> bytes:
 
 
 class Gate:
-    """Passes plans on while its `with` block runs. Zenoh's callbacks must not call Zenoh: a thread publishes."""
+    """Passes plans on while its `with` block runs. Zenoh's callbacks must not call Zenoh: a thread publishes.
+
+    Plans go out as the operator's own do, before all data: else a module that is starved would get them behind the
+    pictures that fill its queue, or not at all, and only under the divisions that are relayed.
+    """
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
@@ -36,7 +40,9 @@ class Gate:
         self._thread = threading.Thread(target=self._pass_on, name="gate", daemon=True)
 
     def __enter__(self) -> Self:
-        self._publisher = self._session.declare_publisher(KEY, encoding=zenoh.Encoding.APPLICATION_JSON)
+        self._publisher = self._session.declare_publisher(
+            KEY, encoding=zenoh.Encoding.APPLICATION_JSON, express=True, priority=zenoh.Priority.REAL_TIME
+        )
         self._thread.start()
         self._subscriber = self._session.declare_subscriber(PLANS, self._hear)
         for reply in self._session.get(PLANS, timeout=PATIENCE):  # published before we listened

@@ -3,9 +3,11 @@
 Successive halving (Karnin, Koren, Somekh 2013; the inner loop of Hyperband): sixteen sets of weights run the first
 story, the better half of them the second as well, and so on. The first four are what a user writes at once: equal
 weights, those by priority, by need, and by need with the protected tasks above all; equal weights and those
-by priority are never dropped, since a model or a lucky run may rank them too low. The rest is drawn log-uniformly. A
-set is worth its worst context, where a context is worth the lowest hit rate among its critical task and the protected
-ones, in steps of half a point; then the mean of the contexts. The held-out stories take no part in it.
+by priority are never dropped, since a model or a lucky run may rank them too low. The rest is the fourth with each of
+its weights times a factor of its own, drawn log-uniformly: drawn from all there are, nearly every set would leave some
+task next to nothing, which is no opponent. A set is worth its worst context, where a context is worth the lowest hit
+rate among its critical task and the protected ones, in steps of half a point; then the mean of the contexts. The
+held-out stories take no part in it.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ KEPT = (8, 4, 4)
 ALWAYS = 2
 LEAST, MOST = 2, 4096
 """CPU shares, in the kubelet's unit."""
+SPREAD = 4.0
+"""By which factor a drawn weight is more or less than what the task needs, at most."""
 STEPS = 200
 """Of a hit rate: half a point each."""
 
@@ -62,7 +66,7 @@ def candidates(priorities: Mapping[str, float], wanted: Mapping[str, float], cou
         {name: 1024 if name in PROTECTED else weight for name, weight in by_need.items()},
     ]
     while len(found) < count:
-        found.append({name: _anything(numbers) for name in priorities})
+        found.append({name: _around(weight, numbers) for name, weight in found[3].items()})
     return found[:count]
 
 
@@ -98,5 +102,6 @@ def _scaled(sizes: Mapping[str, float]) -> Weights:
     return {name: max(LEAST, round(1024 * size / most)) for name, size in sizes.items()}
 
 
-def _anything(numbers: random.Random) -> int:
-    return round(math.exp(numbers.uniform(math.log(LEAST), math.log(MOST))))
+def _around(weight: int, numbers: random.Random) -> int:
+    most = math.log(SPREAD)
+    return min(MOST, max(LEAST, round(weight * math.exp(numbers.uniform(-most, most)))))

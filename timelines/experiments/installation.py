@@ -148,6 +148,8 @@ def cgroups() -> dict[str, Cgroup]:
 
 
 def _control() -> dict[str, str]:
+    """Not of pods that are ending, as the agent's is where the next configuration has none."""
     pods = json.loads(deploy.run("kubectl", "get", "pods", "-n", deploy.SYSTEM, "-o", "json"))["items"]
-    statuses = [status for pod in pods for status in pod.get("status", {}).get("containerStatuses", ())]
+    stay = [pod for pod in pods if "deletionTimestamp" not in pod["metadata"]]
+    statuses = [status for pod in stay for status in pod.get("status", {}).get("containerStatuses", ())]
     return {status["name"]: status["containerID"] for status in statuses if "running" in status["state"]}

@@ -106,9 +106,14 @@ def coverage(pair: Pair) -> dict[str, Case]:
 
 
 def accuracy(pair: Pair) -> dict[str, Case]:
-    """How right the critical and the protected tasks were, as rates; a task without results was wrong throughout."""
-    judged = {*PROTECTED, *contexts(pair.schedule).values()}
+    """How right the critical and the protected tasks were, as rates; a task without results was wrong throughout.
+
+    A critical task is judged in its own context where each result belongs to one, else over the whole story.
+    """
     both = pair.record.accuracy.keys() | pair.base.accuracy.keys()
+    own = {f"{context}: {task}": task for context, task in contexts(pair.schedule).items()}
+    apart = {task for name, task in own.items() if name in both}
+    judged = own.keys() | ({*PROTECTED, *own.values()} - apart)
     return {
         task: Case(_rate(pair.record.accuracy.get(task)), _rate(pair.base.accuracy.get(task)))
         for task in sorted(judged & both)

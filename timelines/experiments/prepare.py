@@ -10,14 +10,16 @@ from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial, seconds_left
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
+from timelines.experiments.evidence import ENDING, write_schedule
 from timelines.experiments.halving import candidates, halved
 from timelines.experiments.metrics import Run
 from timelines.experiments.predictions import predict
+from timelines.experiments.record import block, write_whole
 from timelines.experiments.stories import HELD_OUT, STORIES, TUNING
 from timelines.experiments.workbench import Setting, own_deadlines
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from timelines.experiments.campaign import Progress
     from timelines.experiments.halving import Weights
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
     Frozen = Mapping[str, Any]
 
+KEPT = "preparation"
+"""Folder of the runs that findings follow from, beside the blocks, which have the figures."""
 MIDDLE = "exp2"
 """The paper's story of which it is measured what its tasks want."""
 UNCALIBRATED: Mapping[str, Capacity] = {
@@ -64,6 +68,7 @@ class Preparation:
         self._progress.say(f"wanted: {_words(wanted, 'cores')}; processors: {shared}")
         self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'cores')}")
         slow = self._alone(Setting(loads[HEAVY], own), TUNING)
+        self._keep("alone", [*alone, *papers, *slow])
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
         deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
@@ -76,15 +81,20 @@ class Preparation:
         """The static weights that the search found, and what it tried."""
         setting = settings(frozen)[HEAVY]
         configuration = STATIC_GATED if gated else STATIC
+        done: list[Run] = []
 
         def run(number: int, weights: Weights, story: str) -> Run:
             self._progress.say(f"{configuration.title}, set {number + 1}: {story}")
             trial = Trial(HEAVY, STORIES[story], configuration, 0, number)
             record = self._record(f"tuning/{setting.capacity.name}/{number + 1:02}", trial, setting, weights)
-            return Run(self._bench.schedule(trial.story, setting.deadlines), record)
+            done.append(Run(self._bench.schedule(trial.story, setting.deadlines), record))
+            return done[-1]
 
         tries = candidates(priorities(), frozen["wanted"])
         found = halved(tries, [story.name for story in TUNING], run)
+        self._keep(f"tuning-{name(gated=gated)}", done)
+        for story in TUNING:
+            write_schedule(self._bench.folders.data / KEPT, story.name, self._bench.schedule(story, setting.deadlines))
         return {"weights": found[0].weights, "tried": [list(one) for one in found]}
 
     def predicted(self, frozen: Frozen) -> dict[str, Any]:
@@ -109,6 +119,11 @@ class Preparation:
             record = self._record(_place(setting.capacity), trial, setting, {})
             found.append(Run(self._bench.schedule(story, setting.deadlines), record))
         return found
+
+    def _keep(self, what: str, runs: Iterable[Run]) -> None:
+        path = self._bench.folders.data / KEPT / f"{what}{ENDING}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, block(run.record for run in runs))
 
     def _record(self, place: str, trial: Trial, setting: Setting, weights: Weights) -> Record:
         if not self._bench.has(place, trial) and not self._until(seconds_left(self._bench.took, [trial])):

@@ -71,7 +71,7 @@ class Record:
     `plans` has [milliseconds, contexts, {task: [weight, thousandths of a core]}] for each change, `used` each
     container's CPU so far, in milliseconds, once a second. `commands` has [frame's number, latency] of the wheel
     commands that followed a pose, `stops` [number, latency] of those that followed a spoken "stop", from its end on.
-    `accuracy` has [measure, value, unit, how many were judged, whether more is better] by task.
+    `accuracy` has [measure, value, unit, how many were judged, whether more is better] by task, and by `context: task`.
     """
 
     load: str

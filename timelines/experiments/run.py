@@ -143,7 +143,7 @@ class _Recording:
                 took = time.monotonic() - began
             profiles = _profiles(self._viewer)
             confine.check(cgroups, deploy.TASKS, processors)
-            slowing.check(account.spent[SLOWING], (1 - capacity.part) * capacity.processors * took)
+            slowing.check(account.spent[SLOWING], capacity, took)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
         kept = document(profiles, dt.datetime.now(dt.UTC))
         (folder / PROFILES).write_text(json.dumps(kept), encoding="utf-8")
@@ -157,6 +157,8 @@ class _Recording:
             "cpu": account.spent,
             "drained": drained,
         }
+        if self._trial.configuration.static:
+            about["weights"] = dict(self._conditions.weights)
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
 
     def _play(self) -> tuple[list[Report], bool]:

@@ -19,11 +19,13 @@ from typing import IO, TYPE_CHECKING, cast
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
+    from timelines.experiments.capacity import Capacity
+
 PERIOD = 0.002
 HEADROOM = 0.9
 """The kernel stops realtime threads that take more than 95 % of each second."""
 OFF = 0.1
-"""Part of what they should take by which thieves may be off: a load of 1.4 is then one of 1.3 to 1.6."""
+"""Part of what they should leave by which thieves may be off: a load of 1.4 is then one of 1.3 to 1.6."""
 
 
 class SlowedError(Exception):
@@ -46,9 +48,11 @@ def process_seconds(process: int) -> float:
     return int(Path(f"/proc/{process}/schedstat").read_text(encoding="ascii").split()[0]) / 1e9
 
 
-def check(taken: float, due: float) -> None:
-    """SlowedError if thieves took much more or less than they should, both in seconds."""
-    if abs(taken - due) > OFF * due:
+def check(taken: float, capacity: Capacity, seconds: float) -> None:
+    """SlowedError if thieves have left much more or less than they should in so many seconds; `taken` is theirs."""
+    left = capacity.processors * capacity.part * seconds
+    due = capacity.processors * seconds - left
+    if abs(taken - due) > OFF * left:
         raise SlowedError(f"what slows the processors took {taken:.2f} s of them instead of {due:.2f} s")
 
 

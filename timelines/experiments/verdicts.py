@@ -39,15 +39,20 @@ class Verdict(NamedTuple):
 
     @property
     def met(self) -> bool | None:
-        """None where nothing was measured, or too little to decide; what does not hold on average is missed."""
-        if self.enough or any(case.gain.mean < 0 for case in self.cases):
+        """None where nothing was measured, or too little to decide; what surely falls short is missed."""
+        if self.enough:
             return self.probability <= SIGNIFICANT
-        return None
+        return False if any(_falls_short(case.gain) for case in self.cases) else None
 
     @property
     def worst(self) -> Judged | None:
         """The least sure case."""
         return max(self.cases, key=lambda case: (case.probability, -case.gain.low), default=None)
+
+
+def _falls_short(gain: Interval) -> bool:
+    """Whether the interval is below what is asked, of as many blocks as an exact test needs."""
+    return gain.high < 0 and 0.5**gain.pairs <= SIGNIFICANT
 
 
 def verdicts(evidence: Evidence, goals: Sequence[Goal] = GOALS) -> list[Verdict]:

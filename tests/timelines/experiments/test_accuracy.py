@@ -62,6 +62,22 @@ def test_a_command_in_a_context_that_does_not_want_speech_is_not_due(judge):
     assert (found.value, found.count) == (100, 2)
 
 
+def test_a_critical_task_is_judged_in_its_own_contexts_as_well(judge):
+    """Elsewhere others come first: what is not heard or read there is tabulated."""
+    around = [
+        Window(0, 7, ("drive",), frozenset()),
+        Window(7, 12, ("read",), frozenset()),
+        Window(12, 20, ("talk",), frozenset()),
+    ]
+    signs = {"robot/signs/number": [(9.5, {"text": "206"})]}
+    found = judge({**keywords((2.1, "left"), (16.1, "stop")), **signs}, *around)
+    assert {name: (one.value, one.count) for name, one in found.items() if ":" in name} == {
+        "read: signs": (100, 1),
+        "talk: speech": (100, 1),
+    }
+    assert (found["signs"].value, found["speech"].value) == (50, pytest.approx(200 / 3))
+
+
 def test_a_sign_is_reported_while_it_is_in_view_or_soon_after(judge):
     reported = [(1.5, {"text": "204"}), (16.0, {"text": "206"})]
     assert judge({"robot/signs/number": reported})["signs"].value == 50

@@ -17,10 +17,12 @@ from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
 from timelines.experiments import campaign, installation, prepare
 from timelines.experiments.blocks import HEAVY, START, trials
+from timelines.experiments.calibration import demand
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
+from timelines.experiments.metrics import Run
 from timelines.experiments.prepare import OutOfTimeError, Preparation, settings
 from timelines.experiments.record import RecordError, block, packed, records
 from timelines.experiments.workbench import Folders, Setting, Workbench
@@ -284,6 +286,22 @@ def test_loads_and_deadlines_follow_from_each_task_alone(monkeypatch, tmp_path):
     assert "wanted by critical and protected tasks: drive 0.15 cores, talk 0.025 cores" in lines.said
     write_frozen(tmp_path, found)
     assert settings(read_frozen(tmp_path))["heavy"].capacity == Capacity(1, 0.176)
+
+
+def test_the_runs_that_were_prepared_with_are_kept_as_well(monkeypatch, tmp_path):
+    """The report publishes what follows from them."""
+    monkeypatch.setattr(prepare, "own_deadlines", lambda: {"slam": 0.1, "speech": 1.0})
+    monkeypatch.setattr(installation, "cores", lambda: 2)
+    preparation = Preparation(Anywhere(tmp_path), Lines(), lambda _: True)
+    found = preparation.calibrated()
+    preparation.tuned(found, gated=True)
+    kept = tmp_path / "data" / "preparation"
+    alone = [Run(SCHEDULE, one) for one in records((kept / "alone.json.xz").read_bytes())]
+    assert len(alone) == 9
+    assert demand([one for one in alone if one.record.about["capacity"] == [2, 1.0]]) == pytest.approx(found["wanted"])
+    assert len(records((kept / "tuning-gated.json.xz").read_bytes())) == 16 + 8 + 4 + 4
+    assert Evidence.read(kept).schedules.keys() == {"errand", "tour", "workshop", "reception"}
+    assert Evidence.read(tmp_path / "data").runs == {}
 
 
 class Prepares(Preparation):

@@ -94,6 +94,14 @@ def test_a_run_without_a_plan_of_its_policy_is_rejected(run):
     assert record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {}).plans == []
 
 
+def test_a_run_whose_policy_never_saw_a_context_is_rejected(run):
+    """As where the operator had lost the mission's stream: CPU would not have moved."""
+    run.plans = [{**plan(1, -5), "contexts": []}]
+    with pytest.raises(DeployError, match="no plan had drive"):
+        record(TRIAL, run, SCHEDULE, {})
+    record(TRIAL._replace(configuration=LINUX), run, SCHEDULE, {})
+
+
 def test_a_run_whose_modules_did_not_pause_is_rejected(run):
     run.plans = [plan(1, 0, "slam")]
     times = [n / 20 for n in range(80)]
@@ -124,6 +132,15 @@ def test_a_stop_counts_once_from_the_end_of_the_word(run):
 def test_a_run_whose_player_skipped_inputs_is_rejected(run):
     run.published[STEREO].pop()
     with pytest.raises(DeployError, match="3 inputs on robot/camera/stereo: expected 4"):
+        record(TRIAL, run, SCHEDULE, {})
+
+
+def test_a_run_during_which_the_machine_stood_still_is_rejected(run):
+    """What comes late comes all at once: it says nothing about who gets the CPU."""
+    run.published[STEREO] = [at(0.001), at(1), at(3.2), at(3.3)]
+    with pytest.raises(
+        DeployError, match=r"50 % of the inputs were published more than 0\.2 s late: expected at most 1 %"
+    ):
         record(TRIAL, run, SCHEDULE, {})
 
 

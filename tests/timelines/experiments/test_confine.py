@@ -47,3 +47,10 @@ def test_one_that_got_more_is_found(task):
 def test_a_task_whose_container_was_started_again_is_found():
     with pytest.raises(DeployError, match="container of slam has ended"):
         check({"slam": Container()}, ["slam"], first(1))
+
+
+def test_so_is_one_of_the_control_whose_cpu_would_count_as_negative(task):
+    containers = {"slam": Container(task.pid), "operator": Container()}
+    confine(containers, ["slam"], first(1))
+    with pytest.raises(DeployError, match="container of operator has ended"):
+        check(containers, ["slam"], first(1))

@@ -6,6 +6,7 @@ import json
 from queue import Queue
 
 import pytest
+import zenoh
 
 from contextpolicy.bus.session import open_router
 from robotkit.plan import Decision, PlanListener
@@ -45,3 +46,18 @@ def test_modules_pause_and_resume_with_a_dry_runs_plans(join):
             publisher.put(plan(2, suspended=False))
             assert decided.get(timeout=PATIENCE) == Decision(EVERYTHING, 3.0, suspended=False)
         listener.close()
+
+
+def test_plans_overtake_pictures_as_the_operators_own_do(join):
+    """The queue to a starved module is full of pictures; what waits behind them for too long is dropped."""
+    heard: Queue[zenoh.Sample] = Queue()
+    with join("operator") as operator, join("module") as viewer, join("module") as module:
+        publisher, relayed = operator.declare_publisher(PLAN), viewer.declare_publisher(KEY)
+        subscriber = module.declare_subscriber(KEY, heard.put)
+        Matching(relayed).wait(expected=True)
+        with Gate(viewer):
+            Matching(publisher).wait(expected=True)
+            publisher.put(plan(1, suspended=True))
+            sample = heard.get(timeout=PATIENCE)
+        subscriber.undeclare()
+    assert (sample.priority, sample.express) == (zenoh.Priority.REAL_TIME, True)

@@ -97,6 +97,16 @@ def test_what_a_user_writes_at_once_is_tried_first_and_the_rest_is_always_the_sa
     assert all(LEAST <= weight <= MOST for one in found for weight in one.values())
 
 
+def test_the_rest_is_drawn_around_what_the_tasks_need():
+    """Sets that leave some task nothing are no opponent: each would fail in that task's context."""
+    need = {"slam": 1024, "signs": 768, "speech": 192, "imu": 1024, "navigation": 1024, "arm": 48}
+    wanted = {"slam": 0.2, "signs": 0.15, "speech": 0.0375, "imu": 0.08, "navigation": 0.01, "arm": 0.0094}
+    drawn = candidates(dict.fromkeys(need, 1.0), wanted)[4:]
+    ratios = [weight / need[name] for one in drawn for name, weight in one.items()]
+    assert 0.24 < min(ratios) < 0.5
+    assert 2 < max(ratios) < 4.1
+
+
 def test_no_two_of_them_are_the_same_in_the_stories_own_policy():
     tries = candidates(priorities(), {"slam": 0.2, "signs": 0.18, "imu": 0.07, "speech": 0.02, "navigation": 0.01})
     shares = {tuple(round(weight / sum(one.values()), 3) for weight in one.values()) for one in tries}

@@ -39,6 +39,14 @@ def test_report_lists_other_divisions_that_reach_the_goal(text):
     assert "less 2 points (gated): context weights, gated.\n" in text
 
 
+def test_of_too_few_blocks_it_does_not_say_that_none_reaches_a_goal(tmp_path):
+    """Four that agree have a probability of 1/16."""
+    for count, said in ((4, "not measured, or in too few blocks"), (5, "context weights, gated")):
+        runs = [a_run("weights-gated", block=block) for block in range(count)]
+        text = write_report(evidence(*runs, a_run("alone")), tmp_path).read_text(encoding="utf-8")
+        assert f"less 2 points (gated): {said}.\n" in text
+
+
 def test_it_says_which_code_was_run(text, tmp_path):
     assert "Code: commit abc1234." in text
     other = a_run("weights")
@@ -71,6 +79,13 @@ def test_pictures_are_there_and_the_same_data_gives_the_same_ones(out, text, tmp
     assert names == {path.name for path in (out / "figures").iterdir()}
     for name in names:
         assert (out / "figures" / name).read_bytes() == (tmp_path / "figures" / name).read_bytes()
+
+
+def test_decisions_are_drawn_where_they_are_carried_out(out):
+    """A dry run's shares are nobody's."""
+    names = {path.name for path in (out / "figures").iterdir()}
+    assert "decided-weights-gated.svg" in names
+    assert {"decided-linux-gated.svg", "decided-static-gated.svg"}.isdisjoint(names)
 
 
 def test_pictures_have_whole_lines_with_their_names_beside_them(out):

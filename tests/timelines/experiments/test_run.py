@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,13 +15,13 @@ from robotkit import Input, Module, Needs, Task
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
 from tests.timelines.experiments.made_up import a_run
-from timelines.demo import deploy
+from timelines.demo import cgroup, deploy
 from timelines.experiments import collect, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.capacity import Capacity
-from timelines.experiments.configurations import ALONE, LINUX, WEIGHTS
+from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
 from timelines.experiments.run import Conditions, TimelineSource, execute
@@ -90,6 +91,13 @@ def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
     assert kept.about["drained"]
     assert kept.about["finished"] > 0
     assert kept.about["code"] == "abc1234"
+    assert "weights" not in kept.about
+
+
+def test_a_run_with_static_weights_has_them(node, tmp_path):  # noqa: ARG001
+    static = TRIAL._replace(configuration=STATIC)
+    execute(static, replace(conditions(tmp_path), weights={"slam": 7}), tmp_path / "run")
+    assert read_run(tmp_path / "run").about["about"]["weights"] == {"slam": 7}
 
 
 def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
@@ -205,3 +213,18 @@ def test_a_policy_that_stays_ends_the_run(monkeypatch):
     monkeypatch.setattr(deploy, "run", run)
     with pytest.raises(deploy.DeployError):
         installation.stop_robot()
+
+
+def test_a_container_that_is_ending_is_none_of_the_controls(monkeypatch):
+    """The agent of the configuration before: it is gone before the run ends."""
+
+    def pod(name, **metadata):
+        status = {"name": name, "containerID": f"containerd://{name}", "state": {"running": {}}}
+        return {"metadata": metadata, "status": {"containerStatuses": [status]}}
+
+    pods = {"items": [pod("operator"), pod("agent", deletionTimestamp="2026-11-27T20:00:00Z")]}
+    monkeypatch.setattr(deploy, "run", lambda *_, **__: json.dumps(pods))
+    monkeypatch.setattr(deploy, "containers", lambda: {"slam": "containerd://slam"})
+    monkeypatch.setattr(deploy, "TASKS", ("slam",))
+    monkeypatch.setattr(cgroup, "find", lambda identity: identity)
+    assert installation.cgroups().keys() == {"slam", "operator"}

@@ -8,6 +8,7 @@ import pytest
 
 from tests.waiting import until
 from timelines.experiments import slowed as slowed_module
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.slowed import SlowedError, check, slowed
 
 
@@ -61,9 +62,20 @@ def test_what_thieves_take_is_counted_by_their_own_clocks(monkeypatch, tmp_path)
         until(lambda: thieves.seconds() > before)
 
 
-def test_processors_that_were_not_as_slow_as_they_should_be_are_an_error():
-    check(9.5, 10.0)
-    check(0.0, 0.0)
-    for taken in (8.9, 11.1):
-        with pytest.raises(SlowedError, match=r"instead of 10\.00 s"):
-            check(taken, 10.0)
+@pytest.mark.parametrize(
+    ("taken", "processors", "part", "seconds"),
+    [(9.1, 1, 0.5, 20.0), (0.0, 2, 1.0, 20.0), (0.9, 1, 0.98, 30.0), (50.5, 1, 0.15, 60.0), (24.0, 2, 0.75, 60.0)],
+)
+def test_processors_may_be_a_little_more_or_less_slow(taken, processors, part, seconds):
+    """The least that a thief takes of each period is more than it should, where it should take next to nothing."""
+    check(taken, Capacity(processors, part), seconds)
+
+
+@pytest.mark.parametrize(
+    ("taken", "processors", "part", "seconds"),
+    [(8.9, 1, 0.5, 20.0), (11.1, 1, 0.5, 20.0), (47.0, 1, 0.15, 60.0), (0.0, 1, 0.8, 20.0)],
+)
+def test_processors_whose_load_is_another_than_it_should_be_are_an_error(taken, processors, part, seconds):
+    """A load follows from what is left: with a part of 0.15, a tenth too little taken makes it a third less."""
+    with pytest.raises(SlowedError, match=rf"took {taken:.2f} s of them instead of"):
+        check(taken, Capacity(processors, part), seconds)

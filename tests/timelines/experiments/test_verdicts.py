@@ -72,6 +72,15 @@ def test_a_task_without_results_was_wrong_throughout():
     assert accuracy(pair(a_run("weights"), before))["speech"] == (0.0, 0.75)
 
 
+def test_the_accuracy_of_a_critical_task_is_that_in_its_context():
+    """As coverage is; what signs lose while the robot drives is tabulated."""
+    own, whole = ["signs read", 100.0, "%", 3, True], ["signs read", 40.0, "%", 10, True]
+    speech = ["commands heard", 75.0, "%", 4, True]
+    before = a_run("linux", accuracy={"speech": speech, "talk: speech": own, "signs": own})
+    after = a_run("weights", accuracy={"speech": whole, "talk: speech": own, "signs": whole})
+    assert accuracy(pair(after, before)) == {"talk: speech": (1.0, 1.0)}
+
+
 def test_wheel_commands_count_the_frames_that_are_due():
     due, times = Run(SCHEDULE, a_run("linux", slam="iidii" + "iiiii")).commands("drive")
     assert (due, times) == (5, [0.06] * 4)
@@ -85,6 +94,14 @@ def test_ten_blocks_that_agree_meet_a_goal_and_four_decide_nothing():
     assert (open_.met, open_.probability) == (None, 1 / 16)
     [missed] = verdicts(evidence(*(a_run("weights", slam="d" * 10, block=n) for n in range(5)), a_run("alone")), [HITS])
     assert missed.met is False
+
+
+def test_a_few_blocks_that_fall_short_decide_nothing_yet():
+    """A goal is missed early only where its interval says so, of as many blocks as a test takes."""
+    short, well = ("iiiid" + "iiiii", "i" * 10)
+    for slams, met in (((short,), None), ((short, *[well] * 5), None), ((short,) * 5, False)):
+        runs = [a_run("weights", slam=slam, block=block) for block, slam in enumerate(slams)]
+        assert verdicts(evidence(*runs, a_run("alone")), [HITS, *GOALS[1:]])[0].met is met
 
 
 def test_so_many_blocks_as_all_goals_together_need_decide():
