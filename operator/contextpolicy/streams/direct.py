@@ -19,31 +19,31 @@ if TYPE_CHECKING:
 Message = TypeVar("Message")
 
 
-class _Kept(threading.local):
-    """Whether Python keeps its state of this thread; forgotten with that state."""
+class _ThreadState(threading.local):
+    """Python's state of each thread that it did not start."""
 
-    state = False
+    kept = False
+    """Whether Python keeps it; forgotten with the state."""
+
+    def keep(self) -> None:
+        """Keep it when the callback returns.
+
+        Otherwise each callback maps 16 KiB for the stack of a new state and unmaps it again, which interrupts all
+        threads: a third of what a sample costs. Zenoh has a few such threads, and ends none before the process does.
+        """
+        ctypes.pythonapi.PyGILState_Ensure()
+        self.kept = True
 
 
-_kept = _Kept()
+_state = _ThreadState()
 
 
 def directly(callback: Callable[[Message], None]) -> Callback[Message]:
     """The handler to declare."""
 
     def call(message: Message) -> None:
-        if not _kept.state:
-            _keep_state()
+        if not _state.kept:
+            _state.keep()
         callback(message)
 
     return Callback(call, indirect=False)
-
-
-def _keep_state() -> None:
-    """Have Python keep its state of this thread, which it did not start, when the callback returns.
-
-    Otherwise each callback maps 16 KiB for the stack of a new state and unmaps it again, which interrupts all threads:
-    a third of what a sample costs. Zenoh has a few such threads, and ends none before the process does.
-    """
-    ctypes.pythonapi.PyGILState_Ensure()
-    _kept.state = True
