@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
     from contextpolicy.policy.spec import Policy
 
+_ACTING, _SELECTING = ("mode", "shadow"), ("name", "selector", "container", "subtasks")
+
 
 class RestoreApi(pod_patch.ResizeApi, LeaseReader, VettingApi, Protocol):
     """The calls to the API server that a restoration needs."""
@@ -184,8 +186,11 @@ def _within(namespaces: Collection[str], policies: Iterable[dict[str, Any]]) -> 
 
 
 def _parsed(body: Mapping[str, Any]) -> Policy | None:
+    """What a policy says of which containers it resizes; its conditions, a tenant's, may take many seconds to read."""
+    spec = body.get("spec") or {}
+    tasks = [{field: task[field] for field in _SELECTING if field in task} for task in spec.get("tasks") or ()]
     try:
-        return parse(body)
+        return parse({**body, "spec": {"tasks": tasks, **{field: spec[field] for field in _ACTING if field in spec}}})
     except FindingsError:
         return None
 
