@@ -22,7 +22,7 @@ Message = TypeVar("Message")
 class _Kept(threading.local):
     """Whether Python keeps its state of this thread; forgotten with that state."""
 
-    state = False
+    already = False
 
 
 _kept = _Kept()
@@ -32,7 +32,7 @@ def directly(callback: Callable[[Message], None]) -> Callback[Message]:
     """The handler to declare."""
 
     def call(message: Message) -> None:
-        if not _kept.state:
+        if not _kept.already:
             _keep_state()
         callback(message)
 
@@ -46,4 +46,4 @@ def _keep_state() -> None:
     a third of what a sample costs. Zenoh has a few such threads, and ends none before the process does.
     """
     ctypes.pythonapi.PyGILState_Ensure()
-    _kept.state = True
+    _kept.already = True
