@@ -476,6 +476,31 @@ def test_namespace_of_another_release_is_skipped_even_while_it_is_down(restore: 
     assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
 
 
+@pytest.mark.parametrize("times", [1, 9])
+def test_lease_that_can_not_be_renewed_keeps_no_other_namespace_from_being_restored(
+    restore: Any, monkeypatch: pytest.MonkeyPatch, times: int
+) -> None:
+    """Anyone who may write Leases in a namespace can make one that the API server takes from nobody else."""
+    server = two_namespaces()
+    server.leases["lab"] = GREEN
+    write_lease, refusals = server.write_lease, [REFUSED] * times
+
+    def refuse(namespace: str, name: str, content: Lease, timeout: float) -> Lease:
+        if namespace == "lab" and refusals:
+            raise refusals.pop()
+        return write_lease(namespace, name, content, timeout)
+
+    monkeypatch.setattr(server, "write_lease", refuse)
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert code == 2
+    assert (server.cluster.limit("speech"), server.cluster.limit("slam")) == (500, 990)
+    assert {reference(body): body["metadata"]["finalizers"] for body in server.objects} == {
+        "lab/robot": [FINALIZER],
+        "far/robot": [],
+    }
+    assert "ContextPolicy lab/robot: NOT released" in out
+
+
 def test_namespace_taken_by_another_release_keeps_its_finalizers(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     server.leases = {"lab": replace(FIRST, holder="green/contextpolicy")}
@@ -653,5 +678,6 @@ def test_unreadable_lease_changes_nothing(restore: Any, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(server, "lease", refuse)
     code, out = restore(server, "--remove-finalizers")
-    assert (code, out, server.cluster.calls) == (2, "", [])
+    assert (code, server.cluster.calls) == (2, [])
+    assert out == "ContextPolicy lab/robot: NOT released: Invalid: no (HTTP 422)\n"
     assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]

@@ -80,8 +80,8 @@ def write(lease: Lease, namespace: str, name: str) -> dict[str, Any]:
     spec = {
         "holderIdentity": lease.holder or None,
         "leaseDurationSeconds": lease.seconds,
-        "renewTime": lease.renewed,
-        "acquireTime": lease.acquired,
+        "renewTime": lease.renewed or None,
+        "acquireTime": lease.acquired or None,
         "leaseTransitions": lease.transitions,
     }
     version = {"resourceVersion": lease.version} if lease.version else {}

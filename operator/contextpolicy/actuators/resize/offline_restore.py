@@ -126,7 +126,7 @@ def restore(
     except ActuationError as error:
         yield Unread(namespace, error)
         return
-    yield from (LeftAlone(where, holder) for where, holder in holders.items() if holder)
+    yield from _not_ours(holders)
     gone: set[str] = set()
     for part in sorted(parts, key=lambda part: part.rise):
         # Another release may have taken the namespace meanwhile: a restore may take minutes.
@@ -208,16 +208,22 @@ def policies_of(api: RestoreApi, namespace: str | None) -> Iterator[dict[str, An
             raise
 
 
-def holders_of(policies: Iterable[Mapping[str, Any]], occupancy: Occupancy) -> dict[str, str]:
-    """By namespace of these policies, the other operator that serves it, empty if there is none."""
+def holders_of(policies: Iterable[Mapping[str, Any]], occupancy: Occupancy) -> dict[str, str | ActuationError]:
+    """By namespace of these policies, the other operator that serves it, empty for none; or why it is unknown."""
     namespaces = sorted({policy["metadata"]["namespace"] for policy in policies})
     occupancy.settle(namespaces)
-    return {namespace: occupancy.served_by(namespace) for namespace in namespaces}
+    return {namespace: _holder(occupancy, namespace) for namespace in namespaces}
 
 
-def free_of(holders: Mapping[str, str]) -> set[str]:
+def free_of(holders: Mapping[str, str | ActuationError]) -> set[str]:
     """The namespaces that no other operator serves."""
     return {namespace for namespace, holder in holders.items() if not holder}
+
+
+def _not_ours(holders: Mapping[str, str | ActuationError]) -> Iterator[LeftAlone | Unread]:
+    for namespace, holder in holders.items():
+        if holder:
+            yield LeftAlone(namespace, holder) if isinstance(holder, str) else Unread(namespace, holder)
 
 
 def _holder(occupancy: Occupancy, namespace: str) -> str | ActuationError:
