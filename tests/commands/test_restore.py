@@ -525,6 +525,20 @@ def test_a_release_keeps_its_lease_while_it_restores(restore: Any) -> None:
     assert server.leases["lab"].renewed > "2026"
 
 
+def test_lease_that_is_deleted_while_it_is_renewed_is_nobodys(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As anyone may who may delete Leases there: the Job failed, or took what it had not restored for gone."""
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+    server.leases = {"lab": GREEN}
+
+    def write_lease(*_: object) -> Lease:
+        server.leases = {}
+        raise ActuationError("NotFound", "no such Lease (HTTP 404)", retriable=False)
+
+    monkeypatch.setattr(server, "write_lease", write_lease)
+    assert restore(server, "--remove-finalizers", RELEASE)[0] == 0
+    assert server.cluster.limit("slam") == 500
+
+
 def test_restore_stops_when_another_release_takes_the_namespace(restore: Any) -> None:
     server = Server(moved(), moved("speech"), policies=[policy(originals=before("slam", "speech"))])
     server.leases = {"lab": GREEN}

@@ -53,7 +53,7 @@ def release(  # noqa: PLR0913 - as `restore`, and what came of it
             reference, where = reference_of(policy), policy["metadata"]["namespace"]
             holder = holders.get(where)
             if isinstance(holder, ActuationError):
-                yield Released(reference, text_of(holder))
+                yield Released(reference, f"{holder.reason}: {holder}")
             elif where in free and (reference in held or where in held):
                 yield Released(reference, "not all of its containers are restored")
             elif where in free:
