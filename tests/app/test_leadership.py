@@ -13,6 +13,7 @@ from contextpolicy.app.settings import Settings
 from contextpolicy.cluster import lease_keeper
 from contextpolicy.cluster.lease import Lease
 from contextpolicy.cluster.lease_keeper import LeaseKeeper
+from contextpolicy.errors import ActuationError
 
 
 class Api:
@@ -20,12 +21,16 @@ class Api:
 
     def __init__(self):
         self.leases = {}
+        self.contested = ""
+        """The namespace where somebody changes the Lease before each of our writes."""
 
     def lease(self, namespace, name):
         return self.leases.get((namespace, name), Lease())
 
     def write_lease(self, namespace, name, content, timeout):
         assert timeout > 0
+        if namespace == self.contested:
+            raise ActuationError("Conflict", "the object has been modified", retriable=True)
         written = replace(content, version=str(int(content.version or 0) + 1))
         self.leases[namespace, name] = written
         return written
@@ -47,8 +52,13 @@ def now(monkeypatch):
 
 
 @pytest.fixture
-def leadership():
-    return Leadership(Api(), Settings(identity="one", lease=("system", "release")), Mock())
+def api():
+    return Api()
+
+
+@pytest.fixture
+def leadership(api):
+    return Leadership(api, Settings(identity="one", lease=("system", "release")), Mock())
 
 
 def renew(leadership, *, times=1):
@@ -94,3 +104,19 @@ def test_a_late_renewal_of_the_releases_own_lease_counts_too(leadership, now):
     now[0] += 100
     leadership._keeper._step("system", leadership._replica)
     assert leadership.interruptions == 1
+
+
+@pytest.mark.usefixtures("now")
+def test_a_lease_that_can_never_be_taken_keeps_no_other_namespace_from_being_served(leadership, api, caplog):
+    """Anyone who may write Leases in one namespace can change it before each of our writes."""
+    api.contested = "lab"
+    leadership.serve(["lab", "robot"])
+    renew(leadership, times=2)
+    assert leadership.served is None  # it may be ours in a moment: kopf would start twice
+    renew(leadership, times=4)
+    for _ in range(2):
+        assert leadership.served == {"robot"}
+    assert caplog.messages == ["namespace lab can't be served: each attempt to take its Lease failed"]
+    api.contested = ""
+    renew(leadership)
+    assert leadership.served == {"lab", "robot"}

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.bus.http_places import AT_ONCE, PER_ADDRESS, Places
+from contextpolicy.bus.http_places import AT_ONCE, MORE, PER_ADDRESS, Places
 
 
 def enter(places, address, number):
     """What is closed while so many connections from one address come."""
     return [places.enter(f"{address}-{own}", address) for own in range(number)]
+
+
+def answer(places, address, number):
+    """As many connections from one address as it can have answered; what is closed."""
+    closed = enter(places, address, number)
+    for own in range(number):
+        places.answer(f"{address}-{own}")
+    return closed
 
 
 @pytest.fixture
@@ -32,6 +40,15 @@ def test_flooding_address_never_evicts_another(places):
     assert "probe" not in enter(places, "pod", 100)
 
 
+def test_no_address_evicts_one_with_fewer_connections(places):
+    """As a kubelet's probe whose request has just come, while pods' requests are being answered."""
+    places.enter("probe", "node")
+    for pod in range(3):
+        answer(places, f"pod-{pod}", 5)
+    assert places.enter("more", "pod-0") == "more"
+    assert places.answer("probe")
+
+
 def test_full_server_evicts_from_the_busiest_address(places):
     places.enter("early", "node")
     enter(places, "pod", PER_ADDRESS)
@@ -51,12 +68,21 @@ def test_connection_being_answered_is_not_evicted(places):
     assert places.enter("more", "pod") == "pod-1"
 
 
-def test_newcomer_is_refused_while_all_are_being_answered(places):
-    for pod in range(AT_ONCE):
-        places.enter(f"pod-{pod}", f"pod-{pod}")
-        places.answer(f"pod-{pod}")
+def test_address_without_a_connection_is_served_while_all_others_are_being_answered(places):
+    """As a kubelet's beside two pods that ask without pause."""
+    answer(places, "pod", PER_ADDRESS)
+    answer(places, "other", AT_ONCE - PER_ADDRESS)
+    assert places.enter("more", "other") == "more"
+    assert places.enter("probe", "node") is None
+    places.answer("probe")
+    assert places.enter("next", "node") == "next"
+
+
+def test_newcomer_is_refused_while_as_many_addresses_as_possible_are_being_answered(places):
+    for pod in range(AT_ONCE + MORE):
+        assert answer(places, f"pod-{pod}", 1) == [None]
     assert places.enter("probe", "node") == "probe"
-    places.leave("pod-3")
+    places.leave("pod-3-0")
     assert places.enter("probe", "node") is None
 
 

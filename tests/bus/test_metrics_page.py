@@ -5,7 +5,9 @@ from __future__ import annotations
 import socket
 import time
 from contextlib import contextmanager
-from threading import Thread
+from http import HTTPStatus
+from select import select
+from threading import Event, Thread
 from urllib.request import urlopen
 
 import pytest
@@ -13,10 +15,11 @@ from prometheus_client import REGISTRY, Metric
 
 from contextpolicy.agent.service import serve as serve_agent
 from contextpolicy.bus import http_server
+from contextpolicy.bus.http_places import AT_ONCE, PER_ADDRESS
 from contextpolicy.bus.metrics_page import MetricsPage, PageTurns
 from contextpolicy.bus.questions import REST
 from contextpolicy.telemetry.metrics_server import serve_metrics
-from tests.waiting import PATIENCE
+from tests.waiting import PATIENCE, until
 
 
 def test_each_turn_is_followed_by_a_rest():
@@ -114,3 +117,40 @@ def test_a_scraper_that_does_not_read_keeps_no_other_waiting(monkeypatch):
         assert deaf.recv(1) == b"H"
         with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=PATIENCE) as page:
             assert page.status == 200
+
+
+class Standing:
+    """Turns that nobody gets for now."""
+
+    def __init__(self) -> None:
+        self.go_on = Event()
+
+    @contextmanager
+    def take(self):
+        self.go_on.wait(PATIENCE)
+        yield
+
+
+def ask(port, address, path="/metrics"):
+    client = socket.create_connection(("127.0.0.1", port), PATIENCE, source_address=(address, 0))
+    client.sendall(f"GET {path} HTTP/1.1\r\n\r\n".encode())
+    return client
+
+
+def status(client):
+    with client:
+        return HTTPStatus(int(client.recv(1 << 16).split()[1]))
+
+
+def test_clients_that_wait_for_pages_leave_places_for_a_probe(monkeypatch):
+    """Two pods that asked without pause had the kubelet restart the agent, whose probes come to the same port."""
+    turns = Standing()
+    monkeypatch.setattr(MetricsPage, "turns", turns)
+    port = serve_agent(0, lambda: True)
+    clients = [ask(port, address) for address in ("127.0.0.2", "127.0.0.3") for _ in range(PER_ADDRESS)]
+    sent_away = AT_ONCE // 4
+    until(lambda: len(select(clients, [], [], 0)[0]) == sent_away)
+    assert status(ask(port, "127.0.0.1", "/healthz")) is HTTPStatus.OK
+    turns.go_on.set()
+    statuses = sorted(map(status, clients))
+    assert statuses == [HTTPStatus.OK] * (AT_ONCE - sent_away) + [HTTPStatus.SERVICE_UNAVAILABLE] * sent_away

@@ -162,6 +162,12 @@ def test_mismatched_key_is_recreated(made):
     assert renewed(made | {own("bus-sensor"): mixed}) == {own("bus-sensor")}
 
 
+def test_key_longer_than_ours_is_replaced_unread(made):
+    """Whoever fills a robot's Secret may have chosen one that takes hours to check, as of huge primes."""
+    long = made[own("bus-sensor")] | {"tls.key": b"#" * 512 + made[own("bus-sensor")]["tls.key"]}
+    assert renewed(made | {own("bus-sensor"): long}) == {own("bus-sensor")}
+
+
 def test_new_authority_reissues_every_certificate(made):
     other = due(RELEASE, {}, NOW)[own("bus-authority")]
     assert renewed(made | {own("bus-authority"): other}) == set(RELEASE.roles())

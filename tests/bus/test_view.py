@@ -70,6 +70,17 @@ def test_a_policy_that_was_paused_has_no_plan() -> None:
     assert drawn(view).strip() == "no plans yet"
 
 
+@pytest.mark.parametrize("width", [40, 200])
+def test_a_fake_operator_does_not_control_the_terminal(width: int) -> None:
+    """A pod that a tenant dressed up as one may answer with anything, such as what sets the clipboard."""
+    escape = "\x1b]52;c;cm0=\x07"
+    shown = drawn(
+        heard((KEY, plan(cause=escape, tasks={f"slam{escape}": plan()["tasks"]["slam"]}, targets=[]))), width=width
+    )
+    assert "slam" in shown
+    assert not {"\x1b", "\x07"} & {*shown}
+
+
 def test_brackets_in_a_cause_are_not_markup() -> None:
     assert "mic: x[y] > 1 is 1" in drawn(heard((KEY, plan(cause="mic: x[y] > 1 is 1"))))
 

@@ -280,6 +280,12 @@ def test_a_lease_belongs_to_its_last_holders_pod():
     assert read(item) == taken
 
 
+def test_times_that_a_lease_lacks_are_not_written():
+    """The API server refuses an empty text for a time: a Lease made by hand could never be taken, nor renewed."""
+    spec = write(Lease(holder="one", seconds=10), "lab", "contextpolicy")["spec"]
+    assert (spec["renewTime"], spec["acquireTime"]) == (None, None)
+
+
 def test_a_new_lease_has_no_version():
     assert "resourceVersion" not in write(Lease("one", 15), "system", "contextpolicy")["metadata"]
 

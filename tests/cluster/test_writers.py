@@ -28,7 +28,7 @@ def entry(manager, *kinds, time="2026-01-01T00:00:00Z", field="containers", **mo
 
 def test_request_and_limit_may_have_two_owners():
     managed = [entry("kubectl", "requests"), entry("vpa-updater", "limits", subresource="resize")]
-    assert writers({"managedFields": managed}, "containers", "slam") == Writers("kubectl", "vpa-updater")
+    assert writers({"managedFields": managed}, "containers") == {"slam": Writers("kubectl", "vpa-updater")}
 
 
 def test_latest_writer_of_a_shared_field_counts():
@@ -36,7 +36,7 @@ def test_latest_writer_of_a_shared_field_counts():
         entry("gitops", "limits", time="2026-01-01T00:00:02Z", operation="Apply"),
         entry("kubectl", "limits", time="2026-01-01T00:00:01Z", operation="Apply"),
     ]
-    assert writers({"managedFields": managed}, "containers", "slam").limit == "gitops"
+    assert writers({"managedFields": managed}, "containers") == {"slam": Writers("", "gitops")}
 
 
 def test_a_sidecars_owner():
@@ -54,4 +54,22 @@ def test_a_sidecars_owner():
     ],
 )
 def test_irrelevant_managed_fields_give_no_writer(managed):
-    assert writers({"managedFields": managed}, "containers", "slam") == NOBODY
+    assert writers({"managedFields": managed}, "containers") == {}
+
+
+class Counted(dict[str, Any]):
+    """Counts how often it is looked into."""
+
+    looks = 0
+
+    def get(self, *which):
+        Counted.looks += 1
+        return super().get(*which)
+
+
+def test_managed_fields_are_read_once_and_not_for_each_container():
+    """A tenant's pod of 0.9 MB, of 1,500 containers and 2,000 managers, took 2 s of the operator at each change."""
+    pod = a_pod("crowd", {f"c{number}": cpu("10m", "20m") for number in range(50)})
+    pod["metadata"]["managedFields"] = [Counted(entry(f"m{number}", "limits")) for number in range(20)]
+    view(pod)
+    assert Counted.looks <= 10 * 20

@@ -20,6 +20,7 @@ ANSWERS = {
     "killed before": b"",
     "not HTTP": b"SSH-2.0-OpenSSH_9.7\r\n",
     "not JSON": b"HTTP/1.1 200 OK\r\nContent-Length: 8\r\n\r\n<html/>\n",
+    "nested without end": b"HTTP/1.1 200 OK\r\n\r\n" + b"[" * 100_000,
     "another page": b"HTTP/1.1 404 Not Found\r\nContent-Type: text/plain\r\nContent-Length: 13\r\n\r\nnothing here\n",
 }
 UNKNOWN = b"HTTP/1.1 404 Not Found\r\nContent-Type: application/json\r\nContent-Length: 4\r\n\r\nnull"

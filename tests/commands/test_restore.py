@@ -361,6 +361,16 @@ def test_unknown_emptied_originals_keep_the_policy_and_the_key(restore: Any) -> 
     assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
 
 
+def test_conditions_are_not_read(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenant's policies of 1.4 MB took the Job 12 s each; it has 240 s to restore what all namespaces had."""
+    server = Server(by_us(), policies=[with_spec(policy())])
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    read: list[str] = []
+    monkeypatch.setattr("contextpolicy.policy.cel_syntax.parse", read.append)
+    assert "status.originals no longer has an entry" in restore(server, "--remove-finalizers", RELEASE)[1]
+    assert read == []
+
+
 IDLE: list[dict[str, Any]] = [{}, *(a_policy(mode=mode)["spec"] for mode in ("DryRun", "Paused"))]
 
 
@@ -466,6 +476,31 @@ def test_namespace_of_another_release_is_skipped_even_while_it_is_down(restore: 
     assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
 
 
+@pytest.mark.parametrize("times", [1, 9])
+def test_lease_that_can_not_be_renewed_keeps_no_other_namespace_from_being_restored(
+    restore: Any, monkeypatch: pytest.MonkeyPatch, times: int
+) -> None:
+    """Anyone who may write Leases in a namespace can make one that the API server takes from nobody else."""
+    server = two_namespaces()
+    server.leases["lab"] = GREEN
+    write_lease, refusals = server.write_lease, [REFUSED] * times
+
+    def refuse(namespace: str, name: str, content: Lease, timeout: float) -> Lease:
+        if namespace == "lab" and refusals:
+            raise refusals.pop()
+        return write_lease(namespace, name, content, timeout)
+
+    monkeypatch.setattr(server, "write_lease", refuse)
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert code == 2
+    assert (server.cluster.limit("speech"), server.cluster.limit("slam")) == (500, 990)
+    assert {reference(body): body["metadata"]["finalizers"] for body in server.objects} == {
+        "lab/robot": [FINALIZER],
+        "far/robot": [],
+    }
+    assert "ContextPolicy lab/robot: NOT released" in out
+
+
 def test_namespace_taken_by_another_release_keeps_its_finalizers(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     server.leases = {"lab": replace(FIRST, holder="green/contextpolicy")}
@@ -488,6 +523,20 @@ def test_a_release_keeps_its_lease_while_it_restores(restore: Any) -> None:
     assert restore(server, RELEASE)[0] == 0
     assert len(server.renewals) >= 2
     assert server.leases["lab"].renewed > "2026"
+
+
+def test_lease_that_is_deleted_while_it_is_renewed_is_nobodys(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As anyone may who may delete Leases there: the Job failed, or took what it had not restored for gone."""
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+    server.leases = {"lab": GREEN}
+
+    def write_lease(*_: object) -> Lease:
+        server.leases = {}
+        raise ActuationError("NotFound", "no such Lease (HTTP 404)", retriable=False)
+
+    monkeypatch.setattr(server, "write_lease", write_lease)
+    assert restore(server, "--remove-finalizers", RELEASE)[0] == 0
+    assert server.cluster.limit("slam") == 500
 
 
 def test_restore_stops_when_another_release_takes_the_namespace(restore: Any) -> None:
@@ -643,5 +692,6 @@ def test_unreadable_lease_changes_nothing(restore: Any, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(server, "lease", refuse)
     code, out = restore(server, "--remove-finalizers")
-    assert (code, out, server.cluster.calls) == (2, "", [])
+    assert (code, server.cluster.calls) == (2, [])
+    assert out == "ContextPolicy lab/robot: NOT released: Invalid: no (HTTP 422)\n"
     assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]

@@ -98,3 +98,9 @@ def test_long_headings_fit_too(width: int, longest: int) -> None:
     assert [line for line in lines if len(line) > width] == []
     assert "800m (8)" in "\n".join(lines)
     assert max(lines.count(line) for line in lines) == 1, "no column of single letters"
+
+
+@pytest.mark.parametrize("width", [None, 80])
+def test_what_controls_a_terminal_is_not_printed(width):
+    assert wrapped("seen:\x1b[2J\x9b", width) == ["seen:\ufffd[2J\ufffd"]
+    assert list(text_table(("TASK",), [("slam\x1b[2J",)], width)) == ["TASK", "slam\ufffd[2J"]

@@ -10,6 +10,8 @@ AT_ONCE = 16
 """Connections that a server keeps."""
 PER_ADDRESS = AT_ONCE // 2
 """How many of them one address may have: a kubelet's probe comes from another one than a flood."""
+MORE = AT_ONCE
+"""Connections beyond AT_ONCE while all of these are being answered, for addresses that have no other."""
 
 Connection = TypeVar("Connection")
 
@@ -30,16 +32,18 @@ class Places(Generic[Connection]):
     def enter(self, newcomer: Connection, address: str) -> Connection | None:
         """Give a place to a connection; returns the one that has to be closed for it.
 
-        That is the one that has kept us waiting longest, of the address that has the most. When all are being answered,
-        it is the newcomer.
+        That is the one that has kept us waiting longest, of the address that has the most, but not of one that has
+        fewer than its own. Where there is none, it is the newcomer, unless it is its address's only one.
         """
         numbers = Counter(held.address for held in self._held.values())
         if numbers[address] < PER_ADDRESS and len(self._held) < AT_ONCE:
             closed = None
         else:
-            eligible = {address} if numbers[address] >= PER_ADDRESS else numbers.keys()
+            others = {one for one, number in numbers.items() if number >= numbers[address]}
+            eligible = {address} if numbers[address] >= PER_ADDRESS else others
             waiting = [own for own, held in self._held.items() if not held.answered and held.address in eligible]
-            closed = max(waiting, key=lambda own: numbers[self._held[own].address], default=newcomer)
+            refused = newcomer if numbers[address] or len(self._held) >= AT_ONCE + MORE else None
+            closed = max(waiting, key=lambda own: numbers[self._held[own].address], default=refused)
         if closed is not newcomer:
             self._held[newcomer] = _Held(address)
         if closed is not None:

@@ -30,6 +30,9 @@ NEVER = datetime(9999, 12, 31, 23, 59, 59, tzinfo=UTC)
 """The end of what has none (RFC 5280, section 4.1.2.5)."""
 LIFETIME = timedelta(days=365)
 AUTHORITY_LIFETIME = timedelta(days=20 * 365)
+LONGEST_KEY = 512
+"""Bytes of a key's file that is read where tenants may write it; ours have half as many. A long one of somebody else
+may take hours: its factors are checked to be prime."""
 
 UNREADABLE = (
     KeyError,
@@ -112,6 +115,8 @@ def is_signing(files: Mapping[str, bytes]) -> bool:
 
 def is_of(files: Mapping[str, bytes], issuer: Issuer, role: str, names: Iterable[str]) -> bool:
     """Whether the files are a certificate of this authority, for this role and these names, with its key."""
+    if len(files.get(KEY, b"")) > LONGEST_KEY:
+        return False
     try:
         certificate, key = x509.load_pem_x509_certificate(files[CERTIFICATE]), load_pem_private_key(files[KEY], None)
         certificate.verify_directly_issued_by(issuer.certificate)

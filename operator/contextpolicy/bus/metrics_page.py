@@ -6,16 +6,20 @@ import math
 import time
 from contextlib import contextmanager
 from io import BytesIO
-from threading import Lock
+from threading import BoundedSemaphore, Lock
 from typing import TYPE_CHECKING
 
 from prometheus_client import MetricsHandler
 
+from contextpolicy.bus.http_places import AT_ONCE
 from contextpolicy.bus.http_server import HttpHandler
 from contextpolicy.bus.questions import REST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+MOST_WAITING = AT_ONCE * 3 // 4
+"""Clients that wait for a page: a server's other connections are for what is answered at once, such as a probe."""
 
 
 class PageTurns:
@@ -50,11 +54,21 @@ class MetricsPage(HttpHandler, MetricsHandler):
     """A handler that answers with all registered metrics; the pages of a process share its turns."""
 
     turns = PageTurns(time.monotonic)
+    waiting = BoundedSemaphore(MOST_WAITING)
 
     def do_GET(self) -> None:
         """Make the page in a turn, and send it after the turn: a slow client keeps no other waiting."""
+        if self.waiting.acquire(blocking=False):
+            self.wfile.write(self._page())
+        else:
+            self.say(503, "too many clients ask for metrics\n")
+
+    def _page(self) -> bytes:
         client, self.wfile = self.wfile, BytesIO()
-        with self.turns.take():
-            super().do_GET()
-        client.write(self.wfile.getvalue())
-        self.wfile = client
+        try:
+            with self.turns.take():
+                super().do_GET()
+            return self.wfile.getvalue()
+        finally:
+            self.wfile = client
+            self.waiting.release()

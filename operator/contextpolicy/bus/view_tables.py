@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from contextpolicy.explain.text_table import text_table
+from contextpolicy.explain.text_table import printable, text_table
 from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
@@ -49,7 +49,8 @@ def _headline(policy: PolicyView, now: float) -> Text:
     mode = "" if policy.mode == Mode.ENFORCE else f"   {policy.mode}"
     contexts = ", ".join(policy.contexts) or "-"
     age = max(0.0, now - policy.time)
-    return Text(f"{policy.policy}{mode}   context: {contexts}   for {age:.0f} s: {policy.cause}", style="bold")
+    line = f"{policy.policy}{mode}   context: {contexts}   for {age:.0f} s: {policy.cause}"
+    return Text(printable(line), style="bold")
 
 
 def _fitted(headings: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> Text | Table:
@@ -61,7 +62,7 @@ def _fitted(headings: Sequence[str], rows: Iterable[Sequence[str]], width: int) 
         return Text("\n".join(text_table(headings, shown, width, right=right)))
     table = titled("", headings, left=LEFT)
     for row in shown:
-        table.add_row(*map(Text, row))
+        table.add_row(*map(Text, map(printable, row)))
     return table
 
 

@@ -80,8 +80,8 @@ def write(lease: Lease, namespace: str, name: str) -> dict[str, Any]:
     spec = {
         "holderIdentity": lease.holder or None,
         "leaseDurationSeconds": lease.seconds,
-        "renewTime": lease.renewed,
-        "acquireTime": lease.acquired,
+        "renewTime": lease.renewed or None,
+        "acquireTime": lease.acquired or None,
         "leaseTransitions": lease.transitions,
     }
     version = {"resourceVersion": lease.version} if lease.version else {}
@@ -105,6 +105,8 @@ class Candidacy:
         """Another holds the Lease that we held: whatever we know about the cluster may be wrong by now."""
         self.refused = ""
         """Why we may not even run for it, if so: no right, or no such namespace."""
+        self.failures = 0
+        """Writes that have failed since one succeeded."""
         self.wanted = True
         self.other = ""
         """Who else held it when it was last there: a Lease goes with its namespace, and then nobody can take it."""
@@ -181,6 +183,7 @@ class Candidacy:
             return False
         paused = -inf < self.acts_until < now
         self._seen, self._seen_at, self.refused, self.follows = written, sent, "", False
+        self.failures = 0
         self.acts_until = sent + ACT * self.seconds
         self._due = sent + RENEW * self.seconds
         return paused
@@ -191,6 +194,7 @@ class Candidacy:
         `refused` says why retrying soon is pointless.
         """
         self.refused = refused
+        self.failures += self.seen
         if refused:
             self._due = now + REFUSED
         elif self._seen is None or self._seen.holder in ("", self.identity) or self._due <= now:

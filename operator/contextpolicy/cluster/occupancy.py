@@ -102,14 +102,14 @@ class Occupancy:
             return False
 
     def _renewed(self, namespace: str, own: Lease) -> Lease:
-        """Our Lease, renewed, or that of another release that was faster."""
+        """Our Lease, renewed, or that of another release that was faster, or none if it was deleted."""
         if self._dry_run:
             return own
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
         try:
             return self._api.write_lease(namespace, NAMESPACE_LEASE, replace(own, renewed=now, seconds=HOLD), TIMEOUT)
         except ActuationError as error:
-            if error.reason != "Conflict":
+            if error.reason not in ("Conflict", "NotFound"):
                 raise
             return self._look(namespace)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.cluster.owner_references import owner_of
 from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
 from contextpolicy.cluster.resource_quantities import in_bytes, millicores
-from contextpolicy.cluster.writers import Writers, writers
+from contextpolicy.cluster.writers import NOBODY, Writers, writers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -83,9 +83,10 @@ def _containers(
     sidecars = [c for c in spec.get("initContainers") or [] if c.get("restartPolicy") == "Always"]
     by_name = {entry["name"]: entry for entry in _statuses(status)}
     for kind, containers in (("containers", spec.get("containers") or []), ("initContainers", sidecars)):
+        by = writers(metadata, kind)
         for container in containers:
-            by = writers(metadata, kind, container["name"])
-            yield _container(container, kind, by_name.get(container["name"], {}), by)
+            name = container["name"]
+            yield _container(container, kind, by_name.get(name, {}), by.get(name, NOBODY))
 
 
 def _statuses(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -26,16 +27,19 @@ class Writers:
 NOBODY = Writers()
 
 
-def writers(metadata: Mapping[str, Any], list_field: str, container: str) -> Writers:
-    """The owners of a container's CPU; of several that share ownership, the one that wrote last."""
+def writers(metadata: Mapping[str, Any], list_field: str) -> dict[str, Writers]:
+    """By container, the owners of its CPU, where any is recorded; of several that share it, the one that wrote last.
+
+    Each entry is read once: anyone who may change a pod can have thousands of managers recorded in it.
+    """
     entries = sorted(metadata.get("managedFields") or [], key=lambda entry: str(entry.get("time", "")), reverse=True)
-    path = ("f:spec", f"f:{list_field}", f'k:{{"name":"{container}"}}', "f:resources")
-    found = [(str(entry.get("manager", "")), _inside(entry.get("fieldsV1"), path)) for entry in entries]
-    owners = {
-        kind: next((manager for manager, fields in found if "f:cpu" in _inside(fields, (kind,))), "")
-        for kind in ("f:requests", "f:limits")
-    }
-    return Writers(owners["f:requests"], owners["f:limits"])
+    owners: defaultdict[str, dict[str, str]] = defaultdict(dict)
+    for entry in entries:
+        for key, fields in _inside(entry.get("fieldsV1"), ("f:spec", f"f:{list_field}")).items():
+            for kind, field in (("request", "f:requests"), ("limit", "f:limits")):
+                if "f:cpu" in _inside(fields, ("f:resources", field)):
+                    owners[key].setdefault(kind, str(entry.get("manager", "")))
+    return {key.removeprefix('k:{"name":"').removesuffix('"}'): Writers(**kinds) for key, kinds in owners.items()}
 
 
 def _inside(fields: object, path: tuple[str, ...]) -> Mapping[str, Any]:

@@ -186,6 +186,8 @@ def asker(port: int) -> Callable[..., Any]:
     import urllib.request
     from http.client import HTTPException
 
+    from contextpolicy.explain.text_table import printable
+
     def ask(path: str, **parameters: object) -> Any:
         try:
             with urllib.request.urlopen(
@@ -193,13 +195,13 @@ def asker(port: int) -> Callable[..., Any]:
             ) as answer:
                 return json.load(answer)
         except urllib.error.HTTPError as error:
-            said = error.read().decode(errors="replace").strip()
+            said = printable(error.read().decode(errors="replace")).strip()
             if said == "null":
                 return None
             raise ClusterAccessError(
                 f"the operator answered with an error: {said}; see `doctor`, or try again"
             ) from error
-        except (OSError, HTTPException, ValueError) as error:
+        except (OSError, HTTPException, ValueError, RecursionError) as error:
             said = " ".join(str(error).split())
             raise ClusterAccessError(f"the operator does not answer: {said}; see `doctor`, or try again") from error
 

@@ -82,13 +82,15 @@ def run(api: CommandApi, arguments: argparse.Namespace) -> int:
     key = _key(api, arguments.release)
     settle(api, namespaces, occupancy)
     restored, left, unread = _restore(api, namespaces, occupancy, key, dry_run=dry_run)
-    if len(unread) == len(namespaces):
-        raise unread[0].error
+    whole = [one for one in unread if one.namespace in namespaces]
+    if len(whole) == len(namespaces):
+        raise whole[0].error
     released: Sequence[Released] = ()
     if arguments.remove_finalizers:
-        closed = {one.namespace for one in unread}
+        closed = {one.namespace for one in whole}
         readable = [where for where in namespaces if where not in closed]
         held = {one.policy for one in restored if one.error} | {one.namespace for one in left}
+        held |= {one.namespace for one in unread if one.namespace}
         released = _release(api, readable, occupancy, key, held, dry_run=dry_run)
     _print(arguments.output, restored, left, released, unread)
     if dry_run:

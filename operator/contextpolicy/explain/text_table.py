@@ -1,4 +1,4 @@
-"""Tables as text that fit their reader's terminal. Pure."""
+"""Tables as text that fit their reader's terminal, and do nothing to it. Pure."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ def text_table(
     """
     if not rows:
         return
+    rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
     before = len(indent) + sum(size + len(GAP) for size in widths[:-1])
     if width is not None and before + widths[-1] > width and (before + LEAST > width or len(head) - 1 in right):
@@ -41,11 +42,17 @@ def text_table(
 
 def wrapped(text: str, width: int | None, first: str = "", others: str = "") -> list[str]:
     """The text in lines of at most `width`, indented by `first` and `others`; a longer word is kept whole."""
+    text = printable(text)
     if width is None:
         return [first + text]
     return textwrap.wrap(
         text, width, initial_indent=first, subsequent_indent=others, break_long_words=False, break_on_hyphens=False
     )
+
+
+def printable(text: str) -> str:
+    """The text without what moves a terminal's cursor, or worse: much of what is shown comes from others."""
+    return "".join(c if c.isprintable() or c in "\n\t" else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def _line(line: str, before: int, width: int | None) -> Iterator[str]:

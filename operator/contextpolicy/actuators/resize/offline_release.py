@@ -51,11 +51,12 @@ def release(  # noqa: PLR0913 - as `restore`, and what came of it
         free = free_of(holders)
         for policy in filter(_has_finalizer, policies_of(api, namespace)):
             reference, where = reference_of(policy), policy["metadata"]["namespace"]
-            if where not in free:
-                continue
-            if reference in held or where in held:
+            holder = holders.get(where)
+            if isinstance(holder, ActuationError):
+                yield Released(reference, f"{holder.reason}: {holder}")
+            elif where in free and (reference in held or where in held):
                 yield Released(reference, "not all of its containers are restored")
-            else:
+            elif where in free:
                 yield Released(reference, "" if dry_run else _let_go(api, policy, signatures))
     except ActuationError as error:
         yield Released(namespace or "all namespaces", text_of(error))

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
     from contextpolicy.policy.spec import Policy
 
+_ACTING, _SELECTING = ("mode", "shadow"), ("name", "selector", "container", "subtasks")
+
 
 class RestoreApi(pod_patch.ResizeApi, LeaseReader, VettingApi, Protocol):
     """The calls to the API server that a restoration needs."""
@@ -124,7 +126,7 @@ def restore(
     except ActuationError as error:
         yield Unread(namespace, error)
         return
-    yield from (LeftAlone(where, holder) for where, holder in holders.items() if holder)
+    yield from _not_ours(holders)
     gone: set[str] = set()
     for part in sorted(parts, key=lambda part: part.rise):
         # Another release may have taken the namespace meanwhile: a restore may take minutes.
@@ -184,8 +186,11 @@ def _within(namespaces: Collection[str], policies: Iterable[dict[str, Any]]) -> 
 
 
 def _parsed(body: Mapping[str, Any]) -> Policy | None:
+    """What a policy says of which containers it resizes; its conditions, a tenant's, may take many seconds to read."""
+    spec = body.get("spec") or {}
+    tasks = [{field: task[field] for field in _SELECTING if field in task} for task in spec.get("tasks") or ()]
     try:
-        return parse(body)
+        return parse({**body, "spec": {"tasks": tasks, **{field: spec[field] for field in _ACTING if field in spec}}})
     except FindingsError:
         return None
 
@@ -203,16 +208,22 @@ def policies_of(api: RestoreApi, namespace: str | None) -> Iterator[dict[str, An
             raise
 
 
-def holders_of(policies: Iterable[Mapping[str, Any]], occupancy: Occupancy) -> dict[str, str]:
-    """By namespace of these policies, the other operator that serves it, empty if there is none."""
+def holders_of(policies: Iterable[Mapping[str, Any]], occupancy: Occupancy) -> dict[str, str | ActuationError]:
+    """By namespace of these policies, the other operator that serves it, empty for none; or why it is unknown."""
     namespaces = sorted({policy["metadata"]["namespace"] for policy in policies})
     occupancy.settle(namespaces)
-    return {namespace: occupancy.served_by(namespace) for namespace in namespaces}
+    return {namespace: _holder(occupancy, namespace) for namespace in namespaces}
 
 
-def free_of(holders: Mapping[str, str]) -> set[str]:
+def free_of(holders: Mapping[str, str | ActuationError]) -> set[str]:
     """The namespaces that no other operator serves."""
     return {namespace for namespace, holder in holders.items() if not holder}
+
+
+def _not_ours(holders: Mapping[str, str | ActuationError]) -> Iterator[LeftAlone | Unread]:
+    for namespace, holder in holders.items():
+        if holder:
+            yield LeftAlone(namespace, holder) if isinstance(holder, str) else Unread(namespace, holder)
 
 
 def _holder(occupancy: Occupancy, namespace: str) -> str | ActuationError:
