@@ -24,7 +24,10 @@ _LOG = logging.getLogger(__name__)
 
 
 class Producer:
-    """Owns the producing thread, one at a time; `guard` wraps its work so that a failure ends the module."""
+    """Owns the producing thread, one at a time; `guard` wraps its work so that a failure ends the module.
+
+    Plans resume and pause it on another thread than the one that ends the module.
+    """
 
     def __init__(
         self, task: Task, outputs: Outputs, profile: Profile, guard: Callable[[Callable[[], None]], Callable[[], None]]
@@ -33,19 +36,32 @@ class Producer:
         self._outputs = outputs
         self._profile = profile
         self._guard = guard
+        self._lock = threading.Lock()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
+        self._closed = False
 
     def resume(self) -> None:
-        """Start producing; does nothing if already started."""
-        if self._thread is None:
-            self._ended = ended = threading.Event()
-            work = self._guard(lambda: self._produce(ended))
-            self._thread = threading.Thread(target=work, name="produce", daemon=True)
-            self._thread.start()
+        """Start producing; does nothing if already started, or closed."""
+        with self._lock:
+            if self._thread is None and not self._closed:
+                self._ended = ended = threading.Event()
+                work = self._guard(lambda: self._produce(ended))
+                self._thread = threading.Thread(target=work, name="produce", daemon=True)
+                self._thread.start()
 
     def pause(self) -> None:
         """Signal the task to end and wait for it up to LONGEST_END_S, so that its device is free when it is resumed."""
+        with self._lock:
+            self._end()
+
+    def close(self) -> None:
+        """Pause for good."""
+        with self._lock:
+            self._closed = True
+            self._end()
+
+    def _end(self) -> None:
         self._ended.set()
         if self._thread is not None:
             self._thread.join(LONGEST_END_S)

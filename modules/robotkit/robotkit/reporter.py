@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from robotkit.run_log import RunLog
 
 
+LAST_S = 1.0
+"""Seconds that the message being sent at the end may take: the session is closed next."""
+
+
 class Taken(Protocol):
     """What a task takes."""
 
@@ -75,6 +79,7 @@ class Reporter:
         """Stop reporting."""
         self._closed.set()
         self._queryable.undeclare()
+        self._thread.join(LAST_S)
 
     def _publish_health(self) -> None:
         while not self._closed.wait(EVERY_S):

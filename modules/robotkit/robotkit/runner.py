@@ -81,7 +81,7 @@ class Runner:
         _LOG.info("running as task %s", name)
         stop.wait()
         self._inputs.close()
-        self._producer.pause()
+        self._producer.close()
         worker.join(LONGEST_RUN_S)
         self._guarded(lambda: self._attempt(self._task.close))()
         listener.close()
