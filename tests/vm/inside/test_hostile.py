@@ -62,7 +62,7 @@ def test_a_replayed_withdrawal_is_refused(sensors, session, tmp_path):
     withdrawn = []
     with (
         session.declare_subscriber(KEY, lambda sample: withdrawn.append(sample.attachment)),
-        thief(tmp_path) as speaker,
+        thief(tmp_path / "operator") as speaker,
     ):
         drive(sensors, 0.0)
         govern()
