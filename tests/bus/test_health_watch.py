@@ -67,6 +67,12 @@ def test_oversized_health_is_ignored(bus):
     assert bus.heard == []
 
 
+@pytest.mark.parametrize("key", ["**", "robot/*/health", "robot/**"])
+def test_health_of_no_task_is_ignored(bus, key):
+    bus.publish(key, misses=0.25)
+    assert bus.heard == []
+
+
 def test_closing_removes_the_subscription(bus):
     bus.watch.close()
     assert bus.session.subscribers == []

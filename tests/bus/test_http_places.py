@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.bus.http_places import AT_ONCE, MORE, PER_ADDRESS, Places
+from contextpolicy.bus.http_places import AT_ONCE, FOR_NEW_ADDRESSES, PER_ADDRESS, Places
 
 
 def enter(places, address, number):
@@ -79,7 +79,7 @@ def test_address_without_a_connection_is_served_while_all_others_are_being_answe
 
 
 def test_newcomer_is_refused_while_as_many_addresses_as_possible_are_being_answered(places):
-    for pod in range(AT_ONCE + MORE):
+    for pod in range(AT_ONCE + FOR_NEW_ADDRESSES):
         assert answer(places, f"pod-{pod}", 1) == [None]
     assert places.enter("probe", "node") == "probe"
     places.leave("pod-3-0")

@@ -46,6 +46,13 @@ def test_template_is_read_from_each_built_in_controller(version, kind):
     assert found == {"slam": Cpu(100, 500), "side": Cpu(None, None)}
 
 
+def test_owner_in_another_namespace_is_not_read():
+    pod = owned()
+    pod["metadata"]["ownerReferences"][1]["name"] = "../../else/replicasets/slam"
+    path = PATHS["apps/v1", "ReplicaSet"].format("lab", "../../else/replicasets/slam")
+    assert Templates(Api(path, owner(cpu("100m", "500m")))).cpu(view(pod)) == {}
+
+
 def test_limit_without_a_request_is_also_the_request():
     api = Api(PATHS["apps/v1", "ReplicaSet"].format("lab", "slam"), owner({"limits": {"cpu": "1"}}))
     assert Templates(api).cpu(view(owned()))["slam"] == Cpu(1000, 1000)

@@ -26,7 +26,7 @@ NAMESPACE_SECONDS = 60
 after an uninstallation a Job puts containers back, and gives it back then. So only a release that ends without its Job
 keeps others waiting for that long, and there are three writes a minute."""
 
-IN_VAIN = 5
+MOST_FAILURES = 5
 """Writes in a row, within about a second, after which a free Lease counts as one that we do not get for now. Anyone who
 may write it can change it before each of them; the other namespaces must not wait for that."""
 
@@ -112,14 +112,14 @@ class Leadership:
         claims = dict(self._claims)
         for namespace, claim in claims.items():
             self._tell_other(namespace, claim)
-        if not all(claim.held or claim.holder or claim.lost or _hopeless(claim) for claim in claims.values()):
+        if not all(claim.held or claim.holder or claim.lost or _unobtainable(claim) for claim in claims.values()):
             return None
         return frozenset(namespace for namespace, claim in claims.items() if claim.held)
 
     def _tell_other(self, namespace: str, claim: Candidacy) -> None:
         """Log once why a namespace is not served: which release serves it, or what is missing."""
         reason = ""
-        if why := _hopeless(claim):
+        if why := _unobtainable(claim):
             reason = f"namespace {namespace} can't be served: {why}"
         elif claim.holder not in ("", self._release):
             reason = f"namespace {namespace} is served by {claim.holder}: leaving it alone until that release stops"
@@ -129,9 +129,9 @@ class Leadership:
                 log.warning("%s", reason)
 
 
-def _hopeless(claim: Candidacy) -> str:
-    """Why a Lease will not be ours soon, although nobody holds it; empty while it may be."""
-    contested = claim.failures >= IN_VAIN and not (claim.held or claim.holder)
+def _unobtainable(claim: Candidacy) -> str:
+    """Why we will not get a Lease soon, although nobody holds it; empty while we may."""
+    contested = claim.failures >= MOST_FAILURES and not (claim.held or claim.holder)
     return claim.refused or ("each attempt to take its Lease failed" if contested else "")
 
 

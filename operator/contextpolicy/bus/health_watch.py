@@ -60,11 +60,12 @@ class HealthWatch:
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Zenoh's callbacks must not block."""
-        if sample.kind != zenoh.SampleKind.PUT or len(sample.payload) > LARGEST:
-            return
-        task, health = str(sample.key_expr).split("/")[self._place], read_health(sample.payload.to_bytes())
+        key = str(sample.key_expr)
+        if sample.kind != zenoh.SampleKind.PUT or len(sample.payload) > LARGEST or "*" in key:
+            return  # a key with wildcards may have fewer parts, and names no task
+        health = read_health(sample.payload.to_bytes())
         if health is not None:
-            self._put(task, health)
+            self._put(key.split("/")[self._place], health)
 
     def _put(self, task: str, health: TaskHealth) -> None:
         with self._lock:

@@ -10,7 +10,7 @@ AT_ONCE = 16
 """Connections that a server keeps."""
 PER_ADDRESS = AT_ONCE // 2
 """How many of them one address may have: a kubelet's probe comes from another one than a flood."""
-MORE = AT_ONCE
+FOR_NEW_ADDRESSES = AT_ONCE
 """Connections beyond AT_ONCE while all of these are being answered, for addresses that have no other."""
 
 Connection = TypeVar("Connection")
@@ -42,7 +42,7 @@ class Places(Generic[Connection]):
             others = {one for one, number in numbers.items() if number >= numbers[address]}
             eligible = {address} if numbers[address] >= PER_ADDRESS else others
             waiting = [own for own, held in self._held.items() if not held.answered and held.address in eligible]
-            refused = newcomer if numbers[address] or len(self._held) >= AT_ONCE + MORE else None
+            refused = newcomer if numbers[address] or len(self._held) >= AT_ONCE + FOR_NEW_ADDRESSES else None
             closed = max(waiting, key=lambda own: numbers[self._held[own].address], default=refused)
         if closed is not newcomer:
             self._held[newcomer] = _Held(address)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import quote
 
 from contextpolicy.cluster.pod_parsing import cpu_of
 from contextpolicy.cluster.pods import Cpu
@@ -53,7 +54,7 @@ class Templates:
 
     def _get(self, namespace: str, owner: Owner) -> dict[str, Any] | None:
         try:
-            found = self._api.read(PATHS[owner.api_version, owner.kind].format(namespace, owner.name))
+            found = self._api.read(PATHS[owner.api_version, owner.kind].format(namespace, quote(owner.name, safe="")))
         except ActuationError:
             return None
         return found if (found.get("metadata") or {}).get("uid") == owner.uid else None
