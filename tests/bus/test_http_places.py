@@ -49,6 +49,15 @@ def test_no_address_evicts_one_with_fewer_connections(places):
     assert places.answer("probe")
 
 
+def test_several_connections_of_a_node_are_served_beside_a_flood_that_asks_for_nothing(places):
+    """Of its probes of liveness and readiness, and of a scrape; each pod of the flood has fewer."""
+    answer(places, "node", 2)
+    for pod in range(AT_ONCE - 2):
+        places.enter(f"pod-{pod}", f"pod-{pod}")
+    assert enter(places, "later", 1) == ["pod-0"]
+    assert places.enter("probe", "node") == "pod-1"
+
+
 def test_full_server_evicts_from_the_busiest_address(places):
     places.enter("early", "node")
     enter(places, "pod", PER_ADDRESS)

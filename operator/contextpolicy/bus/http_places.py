@@ -33,22 +33,31 @@ class Places(Generic[Connection]):
         """Give a place to a connection; returns the one that has to be closed for it.
 
         That is the one that has kept us waiting longest, of the address that has the most, but not of one that has
-        fewer than its own. Where there is none, it is the newcomer, unless it is its address's only one.
+        fewer than its own while most are being answered. Where there is none, it is the newcomer, unless it is its
+        address's only one.
         """
         numbers = Counter(held.address for held in self._held.values())
         if numbers[address] < PER_ADDRESS and len(self._held) < AT_ONCE:
             closed = None
         else:
-            others = {one for one, number in numbers.items() if number >= numbers[address]}
-            eligible = {address} if numbers[address] >= PER_ADDRESS else others
-            waiting = [own for own, held in self._held.items() if not held.answered and held.address in eligible]
             refused = newcomer if numbers[address] or len(self._held) >= AT_ONCE + FOR_NEW_ADDRESSES else None
-            closed = max(waiting, key=lambda own: numbers[self._held[own].address], default=refused)
+            evictable = self._evictable(address, numbers)
+            closed = max(evictable, key=lambda own: numbers[self._held[own].address], default=refused)
         if closed is not newcomer:
             self._held[newcomer] = _Held(address)
         if closed is not None:
             self.leave(closed)
         return closed
+
+    def _evictable(self, address: str, numbers: Counter[str]) -> list[Connection]:
+        """Those that may be closed for a newcomer from this address."""
+        waiting = {own: held.address for own, held in self._held.items() if not held.answered}
+        if numbers[address] >= PER_ADDRESS:
+            return [own for own, other in waiting.items() if other == address]
+        # The one that has waited longest of so many is no probe, whose request comes at once.
+        if len(waiting) > AT_ONCE // 2:
+            return list(waiting)
+        return [own for own, other in waiting.items() if numbers[other] >= numbers[address]]
 
     def answer(self, connection: Connection) -> bool:
         """Note that its request is complete; False if it was closed to make room."""
