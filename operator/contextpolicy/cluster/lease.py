@@ -194,7 +194,7 @@ class Candidacy:
         `refused` says why retrying soon is pointless.
         """
         self.refused = refused
-        self.failures += self.seen
+        self.failures += self.seen  # what can't even be read says nothing of this Lease: the API may be away
         if refused:
             self._due = now + REFUSED
         elif self._seen is None or self._seen.holder in ("", self.identity) or self._due <= now:

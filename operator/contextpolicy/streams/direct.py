@@ -29,7 +29,7 @@ class _ThreadState(threading.local):
         """Keep it when the callback returns.
 
         Otherwise each callback maps 16 KiB for the stack of a new state and unmaps it again, which interrupts all
-        threads: a third of what a sample costs. Zenoh has a few such threads for a session, and keeps them.
+        threads (docs/decisions/python-hot-path.md). Zenoh has a few such threads for a session, and keeps them.
         """
         ctypes.pythonapi.PyGILState_Ensure()
         self.kept = True
