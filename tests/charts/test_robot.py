@@ -52,6 +52,18 @@ def test_a_policy_can_resize_its_cpu_and_nothing_else_changes(name, whole):
     assert requests["memory"] != limits["memory"]  # equal ones make the pod Guaranteed once CPU agrees
 
 
+def test_a_module_may_run_twice_with_keys_of_its_own(robot):
+    left = {"module": "signs", "enabled": "true", "memory.request": "64Mi", "memory.limit": "512Mi"}
+    left |= {"env.INPUT_PICTURE": "robot/camera/left", "device.simulated": "true", "device.path": "/dev/null"}
+    template = robot(*(f"modules.signs-left.{name}={value}" for name, value in left.items()))["signs-left"]
+    (container,) = template["spec"]["containers"]
+    environment = {one["name"]: one["value"] for one in container["env"]}
+    assert (container["name"], template["metadata"]["labels"]["app"]) == ("signs-left", "signs-left")
+    assert container["image"].startswith("contextpolicy-signs:")
+    assert (environment["POLICY_TASK"], environment["INPUT_PICTURE"]) == ("signs-left", "robot/camera/left")
+    assert "modules.signs.simulator" in template["spec"]["initContainers"][0]["command"]
+
+
 def test_cpu_before_any_policy_can_be_chosen(robot):
     pods = robot("modules.slam.cpu.request=300m", "modules.slam.cpu.limit=300m", "modules.speech.cpu.limit=")
     slam, speech = (pods[name]["spec"]["containers"][0]["resources"] for name in ("slam", "speech"))

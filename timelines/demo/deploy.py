@@ -12,7 +12,7 @@ import yaml
 from contextpolicy.policy.quantities import parse_cpu
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SYSTEM, ROBOT = "contextpolicy-system", "robot"
@@ -106,9 +106,9 @@ def router(*, closed: bool) -> str:
     return f"{'tls' if closed else 'tcp'}/{service['spec']['clusterIP']}:{service['spec']['ports'][0]['port']}"
 
 
-def containers() -> dict[str, str]:
+def containers(tasks: Iterable[str] = TASKS) -> dict[str, str]:
     """The id of each task's running container."""
-    return dict(_running(_pods()))
+    return dict(_running(_pods(tasks)))
 
 
 def limits() -> dict[str, str]:
@@ -144,8 +144,8 @@ def free_address(last: int = 47) -> str:
     return f"{network}.7.{last}"
 
 
-def _pods() -> list[dict[str, Any]]:
-    selector = f"app in ({','.join(TASKS)})"
+def _pods(tasks: Iterable[str] = TASKS) -> list[dict[str, Any]]:
+    selector = f"app in ({','.join(tasks)})"
     found: list[dict[str, Any]] = json.loads(run("kubectl", "get", "pods", "-n", ROBOT, "-l", selector, "-o", "json"))[
         "items"
     ]

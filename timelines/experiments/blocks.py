@@ -27,7 +27,7 @@ START = 17.0
 """Seconds to start and stop the robot's pods and to wait until all is quiet, before any run has shown it."""
 ALONE_BLOCKS = 2
 """How often each task is run alone where goals compare with it: nothing contends with it, so its runs hardly differ."""
-TASKS = 6
+TASKS = 7
 """Tasks that are played one after the other where each is alone."""
 
 

@@ -30,8 +30,8 @@ ROOM = 0.85
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
 no division can keep a goal, and nothing is learned from a miss; and beside others an input takes a tenth more CPU."""
 NEARLY_ALL = 0.9
-"""Part of a context's stretches of two seconds that want no more than what counts as its need. Two seconds, since of
-what comes 1.5 times a second one second has one and the next has two."""
+"""Part of a context's stretches of two seconds that want no more than what counts as its need. Two seconds, since a
+picture of signs takes a third of one, and not all cost the same."""
 FAIR = 0.98
 """What a task has to hit alone for its deadline to be fair."""
 LONGER = 2

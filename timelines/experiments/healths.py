@@ -33,12 +33,10 @@ class Healths:
             self._latest[str(sample.key_expr).split("/")[1]] = json.loads(sample.payload.to_bytes())
             self._changed.notify_all()
 
-    def wait_until_ready(self) -> None:
+    def wait_until_ready(self, tasks: tuple[str, ...]) -> None:
         """Wait until all tasks of the robot are idle; DeployError if one does not report."""
-        if not self.wait_for_all(deploy.TASKS, time.time(), PATIENCE):
-            raise deploy.DeployError(
-                f"not all of {', '.join(deploy.TASKS)} reported their health within {PATIENCE:g} s"
-            )
+        if not self.wait_for_all(tasks, time.time(), PATIENCE):
+            raise deploy.DeployError(f"not all of {', '.join(tasks)} reported their health within {PATIENCE:g} s")
 
     def wait_for_all(self, tasks: tuple[str, ...], since: float, patience: float) -> bool:
         """Wait until each task has reported, after `since` (Unix seconds), that it is idle; False if one has not."""

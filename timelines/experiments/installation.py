@@ -12,10 +12,10 @@ import yaml
 from timelines.demo import bus, cgroup, deploy
 from timelines.experiments import gate
 from timelines.experiments.configurations import autoscalers
-from timelines.experiments.schedules import module_file
+from timelines.experiments.schedules import SECOND, module
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Iterable, Mapping
     from contextlib import AbstractContextManager
 
     import zenoh
@@ -74,15 +74,16 @@ def values(trial: Trial, document: Document, cores: int, weights: Mapping[str, i
         environment["PLAN_KEY"] = gate.KEY
     modules: Document = {}
     for task, cpu in trial.configuration.resources(document, cores, weights).items():
-        modules[task] = {"cpu": cpu, "env": dict(environment)}
+        own = SECOND.get(task, {})
+        modules[task] = {**own, "cpu": cpu, "env": {**own.get("env", {}), **environment}}
         if trial.story.lossless:
             modules[task]["memory"] = {"request": "64Mi", "limit": ROOM}
-            modules[task]["env"] |= _deep_queues(module_file(task))
+            modules[task]["env"] |= _deep_queues(module(task).inputs)
     return {"modules": modules}
 
 
-def _deep_queues(module: Mapping[str, Any]) -> dict[str, str]:
-    return {f"INPUT_{name}".upper().replace("-", "_"): f"{{depth: {DEPTH}}}" for name in module["inputs"]}
+def _deep_queues(inputs: Iterable[str]) -> dict[str, str]:
+    return {f"INPUT_{name}".upper().replace("-", "_"): f"{{depth: {DEPTH}}}" for name in inputs}
 
 
 def install(configuration: Configuration) -> None:
@@ -134,14 +135,14 @@ def session(role: str) -> AbstractContextManager[zenoh.Session]:
     return bus.session(role, closed=True)
 
 
-def cgroups() -> dict[str, Cgroup]:
-    """The containers of the tasks, and of operator and router, by name; without a policy no plan names them.
+def cgroups(tasks: Collection[str]) -> dict[str, Cgroup]:
+    """The containers of these tasks, and of operator and router, by name; without a policy no plan names them.
 
     DeployError where a task has none: it would be neither counted nor kept on its processors.
     """
-    found = {name: cgroup.find(identity) for name, identity in {**_control(), **deploy.containers()}.items()}
-    kept = {name: own for name, own in found.items() if own is not None and name in (*deploy.TASKS, *CONTROL)}
-    missing = [task for task in deploy.TASKS if task not in kept]
+    found = {name: cgroup.find(identity) for name, identity in {**_control(), **deploy.containers(tasks)}.items()}
+    kept = {name: own for name, own in found.items() if own is not None and name in (*tasks, *CONTROL)}
+    missing = [task for task in tasks if task not in kept]
     if missing:
         raise deploy.DeployError(f"no cgroup of a running container was found for {', '.join(missing)}")
     return kept

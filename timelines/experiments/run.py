@@ -26,13 +26,13 @@ from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.record import write_whole
-from timelines.experiments.schedules import inputs_of
+from timelines.experiments.schedules import inputs_of, tasks_of
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
 from timelines.replay.player import Report, TimelineInputs, publish
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -75,7 +75,7 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
             installation.session("module") as viewer,  # viewers hear no samples
         ):
             heard = Healths(viewer)
-            heard.wait_until_ready()
+            heard.wait_until_ready(tasks_of(trial.story))
             gate: AbstractContextManager[object] = Gate(viewer) if trial.configuration.relayed else nullcontext()
             with gate:
                 installation.decide(trial, conditions.capacity, folder)
@@ -86,10 +86,10 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
 
 
 class TimelineSource:
-    """A timeline with its recordings, whole or what one task takes of it."""
+    """A timeline with its recordings, whole or what one of these tasks takes of it."""
 
-    def __init__(self, story: Timeline, datasets: Path) -> None:
-        self._story, self._datasets = story, datasets
+    def __init__(self, story: Timeline, datasets: Path, tasks: Sequence[str]) -> None:
+        self._story, self._datasets, self._tasks = story, datasets, tasks
 
     @property
     def recorded(self) -> list[str]:
@@ -102,7 +102,7 @@ class TimelineSource:
             yield TimelineInputs(self._story, self._datasets)
             return
         played: set[str] = set()
-        for task in deploy.TASKS:
+        for task in self._tasks:
             own = [key for key in inputs_of(task).values() if key not in played]
             inputs = TimelineInputs(self._story, self._datasets, own)
             if own and inputs.encodings:
@@ -123,13 +123,14 @@ class _Recording:
     ) -> None:
         self._trial, self._conditions, self._sensors, self._viewer = trial, conditions, sensors, viewer
         self._healths = heard
-        self._source = TimelineSource(load(conditions.timeline), conditions.datasets)
+        self._tasks = tasks_of(trial.story)
+        self._source = TimelineSource(load(conditions.timeline), conditions.datasets, self._tasks)
 
     def make(self, folder: Path) -> dict[str, Any]:
         """Record the run, and say what else has to be known of it."""
-        capacity, cgroups = self._conditions.capacity, installation.cgroups()
+        capacity, cgroups = self._conditions.capacity, installation.cgroups(self._tasks)
         processors = confine.first(capacity.processors)
-        confine.confine(cgroups, deploy.TASKS, processors)
+        confine.confine(cgroups, self._tasks, processors)
         calm = wait_until_calm()
         with slowing.slowed(capacity.part, processors) as thieves, McapWriter(folder / MESSAGES) as file:
             parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
@@ -141,8 +142,8 @@ class _Recording:
                 with Account(machine_seconds, parts) as account:
                     reports, drained = self._play()
                 took = time.monotonic() - began
-            profiles = _profiles(self._viewer)
-            confine.check(cgroups, deploy.TASKS, processors)
+            profiles = _profiles(self._viewer, self._tasks)
+            confine.check(cgroups, self._tasks, processors)
             slowing.check(account.spent[SLOWING], capacity, took)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
         kept = document(profiles, dt.datetime.now(dt.UTC))
@@ -166,7 +167,7 @@ class _Recording:
         for inputs in self._source.parts(alone=self._trial.configuration.alone):
             reports.append(publish(inputs, self._sensors, stop=threading.Event()))
             patience = healths.PATIENCE + BACKLOG * self._trial.story.seconds * self._trial.story.lossless
-            drained &= self._healths.wait_for_all(deploy.TASKS, reports[-1].finished + SETTLING, patience)
+            drained &= self._healths.wait_for_all(self._tasks, reports[-1].finished + SETTLING, patience)
         return reports, drained
 
 
@@ -187,11 +188,11 @@ def _heard(profiles: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:
+def _profiles(session: zenoh.Session, tasks: Sequence[str]) -> list[dict[str, Any]]:
     """What each task says of its inputs; DeployError if one does not answer, since what it dropped is unknown then."""
     replies = session.get(PROFILE, timeout=10.0)
     found = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
-    silent = sorted({*deploy.TASKS} - {one["task"] for one in found})
+    silent = sorted({*tasks} - {one["task"] for one in found})
     if silent:
         raise deploy.DeployError(f"no profile received from {', '.join(silent)}")
     return found

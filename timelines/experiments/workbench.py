@@ -7,7 +7,6 @@ import json
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.streams.timeline import load
 from timelines.demo import deploy
 from timelines.experiments import collect, installation
@@ -18,7 +17,7 @@ from timelines.experiments.evidence import ENDING
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute
-from timelines.experiments.schedules import fingerprint, module_file, schedule
+from timelines.experiments.schedules import TASKS, fingerprint, module, schedule
 from timelines.experiments.stories import Use
 
 if TYPE_CHECKING:
@@ -154,5 +153,5 @@ class Workbench:
 
 def own_deadlines() -> dict[str, float]:
     """What each module says of itself, in seconds."""
-    needs = {task: module_file(task)["needs"].get("deadline") for task in deploy.TASKS}
-    return {task: parse_duration(text) for task, text in needs.items() if text is not None}
+    needs = {task: module(task).needs.deadline for task in TASKS}
+    return {task: deadline for task, deadline in needs.items() if deadline is not None}

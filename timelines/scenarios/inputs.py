@@ -62,19 +62,27 @@ def _phase(phase: Phase) -> Entry:
 
 
 def _recordings(scenario: Scenario) -> Iterator[Entry]:
-    """What is played from recordings: the stereo camera, the side camera, the microphone and the raw IMU."""
+    """What is played from recordings: the cameras, the microphone and the raw IMU."""
     name, whole = scenario.name, {"from": 0, "to": scenario.duration}
     poses = f"{name}/mav0/state_groundtruth_estimate0"
     stereo = {"key": "robot/camera/stereo", "encoding": "binary", **whole, "dataset": f"{name}/stereo"}
     yield {**stereo, "rate": scenario.camera_rate, "truth": {"poses": poses}}
-    signs = [{"from": plate.at, "to": plate.until, "text": plate.text} for plate in scenario.side_view.plates]
-    side = {"key": "robot/camera/side", "encoding": "binary", **whole, "dataset": f"signs/{name}"}
-    yield {**side, "rate": scenario.side_rate, "truth": {"signs": signs}}
+    yield _side(scenario, "robot/camera/side", 0)
+    if scenario.has_mission:
+        yield _side(scenario, "robot/camera/left", round(0.5 / scenario.side_rate, 6))
     words = [{"at": said.at, "keyword": said.keyword} for said in scenario.script.utterances]
     sound = {"key": "robot/microphone", "encoding": "binary", **whole, "dataset": f"speech/{name}"}
     yield {**sound, "rate": 1 / CHUNK_S, "truth": words}
     raw = {"key": "robot/imu/raw", "encoding": "json", **whole, "dataset": f"{name}/imu"}
     yield {**raw, "rate": euroc.IMU_RATE, "truth": {"moving": [list(span) for span in scenario.motion.moving]}}
+
+
+def _side(scenario: Scenario, key: str, start: float) -> Entry:
+    """A side camera. There are the same plates on the left, and its camera takes its pictures between the other's."""
+    plates = scenario.side_view.plates
+    signs = [{"from": start + plate.at, "to": start + plate.until, "text": plate.text} for plate in plates]
+    recorded = {"from": start, "to": scenario.duration, "dataset": f"signs/{scenario.name}"}
+    return {"key": key, "encoding": "binary", **recorded, "rate": scenario.side_rate, "truth": {"signs": signs}}
 
 
 def _imu(scenario: Scenario) -> Iterator[Entry]:

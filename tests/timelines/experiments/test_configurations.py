@@ -65,7 +65,7 @@ def suspensions(resource):
 
 def test_gating_is_a_factor_of_its_own():
     gated = suspensions(variant(LINUX_GATED))
-    assert gated == {"drive": ["arm"], "talk": ["signs"], "read": ["arm"], "grip": ["slam"]}
+    assert gated == {"drive": ["arm"], "talk": ["signs", "signs-left"], "read": ["arm"], "grip": ["slam"]}
     for configuration in (STATIC_GATED, WEIGHTS_GATED, LIMITS_GATED):
         assert suspensions(variant(configuration)) == gated
     assert suspensions(variant(WEIGHTS)) == {context: [] for context in gated}
@@ -146,7 +146,7 @@ def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
     scalers = {one["metadata"]["name"]: one["spec"] for one in autoscalers(MISSION, 2)}
     assert {one["updatePolicy"]["updateMode"] for one in scalers.values()} == {"InPlaceOrRecreate"}
     own, others = scalers["imu"]["resourcePolicy"]["containerPolicies"]
-    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "100m"}, {"cpu": "300m"})
+    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "150m"}, {"cpu": "300m"})
     assert others == {"containerName": "*", "mode": "Off"}
     slam, _ = scalers["slam"]["resourcePolicy"]["containerPolicies"]  # has no `min` of its own
     assert (slam["minAllowed"], slam["maxAllowed"]) == ({"cpu": "10m"}, {"cpu": "1050m"})

@@ -61,11 +61,11 @@ def node(monkeypatch):
     """In place of the node: a router, and the robot's only module on a thread."""
     stop = threading.Event()
     with router() as address, client(address) as inside, ThreadPoolExecutor(1) as pool:
-        monkeypatch.setattr(deploy, "TASKS", ("slam",))
+        monkeypatch.setattr(run_module, "tasks_of", lambda _: ("slam",))
         monkeypatch.setattr(installation, "start_robot", lambda *_: None)
         monkeypatch.setattr(installation, "stop_robot", lambda: None)
         monkeypatch.setattr(installation, "decide", lambda *_: None)
-        monkeypatch.setattr(installation, "cgroups", dict)
+        monkeypatch.setattr(installation, "cgroups", lambda _: {})
         monkeypatch.setattr(run_module, "wait_until_calm", lambda: 0.1)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
         running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, publish_runs=True)
@@ -115,7 +115,7 @@ def test_each_task_alone_gets_its_own_inputs_one_after_the_other(tmp_path):
     path = tmp_path / "two.json"
     other = {"key": "robot/arm/order", "encoding": "json", "at": 0.1, "value": {"home": True}}
     path.write_text(json.dumps(TIMELINE | {"inputs": [*TIMELINE["inputs"], other]}), encoding="utf-8")
-    source = TimelineSource(load(path), tmp_path)
+    source = TimelineSource(load(path), tmp_path, ("slam", "arm"))
     assert [sorted(part.encodings) for part in source.parts(alone=ALONE.alone)] == [
         ["robot/camera/stereo"],
         ["robot/arm/order"],
@@ -224,7 +224,6 @@ def test_a_container_that_is_ending_is_none_of_the_controls(monkeypatch):
 
     pods = {"items": [pod("operator"), pod("agent", deletionTimestamp="2026-11-27T20:00:00Z")]}
     monkeypatch.setattr(deploy, "run", lambda *_, **__: json.dumps(pods))
-    monkeypatch.setattr(deploy, "containers", lambda: {"slam": "containerd://slam"})
-    monkeypatch.setattr(deploy, "TASKS", ("slam",))
+    monkeypatch.setattr(deploy, "containers", lambda _: {"slam": "containerd://slam"})
     monkeypatch.setattr(cgroup, "find", lambda identity: identity)
-    assert installation.cgroups().keys() == {"slam", "operator"}
+    assert installation.cgroups(["slam"]).keys() == {"slam", "operator"}

@@ -5,6 +5,7 @@ import json
 import os
 import queue
 import threading
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -22,7 +23,7 @@ from tests.modules.sounds import write
 from tests.streams.heard import Heard
 from tests.waiting import PATIENCE
 from timelines.replay.__main__ import main
-from timelines.replay.player import Options, Report, TimelineInputs, _window, play
+from timelines.replay.player import Options, Report, TimelineInputs, _window, play, publish
 
 TIMELINE: dict[str, Any] = {
     "name": "short",
@@ -165,6 +166,27 @@ def test_a_missing_data_set_is_reported_before_anything_is_played(bus, tmp_path)
     _, player, _ = bus
     with pytest.raises(DatasetError, match="speech/x"):
         play(parse(TIMELINE), player, stop=threading.Event(), datasets=tmp_path)
+
+
+class SlowToOpen:
+    """Inputs whose recording takes its time to open."""
+
+    name, duration, encodings = "slow", 0.1, {"robot/imu": "json"}
+
+    def __init__(self):
+        self.topics, self.opened = {}, 0.0
+
+    def timed(self, _):
+        self.opened = time.time()
+        yield 0.0, "robot/imu", {"speed": 0.3}
+
+
+def test_the_clock_starts_when_recordings_are_open(bus):
+    """Otherwise the first inputs come late, and in a heap."""
+    inputs = SlowToOpen()
+    report = publish(inputs, bus[1], stop=threading.Event())
+    assert inputs.opened <= report.started
+    assert report.published == {"robot/imu": 1}
 
 
 def test_the_report_reports_how_late_inputs_were():
