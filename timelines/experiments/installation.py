@@ -12,7 +12,7 @@ import yaml
 from timelines.demo import bus, cgroup, deploy
 from timelines.experiments import gate
 from timelines.experiments.configurations import autoscalers
-from timelines.experiments.schedules import SECOND, module
+from timelines.experiments.tasks import SECOND, module
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping

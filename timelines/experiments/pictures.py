@@ -17,7 +17,7 @@ from contextpolicy.explain.palette import task_colors
 from contextpolicy.simulation.drawing import INK, STYLE, draw_shares, name_ends
 from timelines.experiments import rates, tables
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX_GATED, STATIC_GATED, WEIGHTS_GATED
-from timelines.experiments.schedules import TASKS
+from timelines.experiments.tasks import TASKS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

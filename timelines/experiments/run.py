@@ -26,7 +26,7 @@ from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.record import write_whole
-from timelines.experiments.schedules import inputs_of, tasks_of
+from timelines.experiments.tasks import inputs_of, tasks_of
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
 from timelines.replay.player import Report, TimelineInputs, publish

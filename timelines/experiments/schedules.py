@@ -4,52 +4,23 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import yaml
 
 from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams.timeline import load
-from robotkit.module import load_module
-from timelines.demo import deploy
 from timelines.experiments.due import TENTHS, Schedule, windows
+from timelines.experiments.tasks import inputs_of, tasks_of
 from timelines.replay.player import TimelineInputs
 from timelines.scenarios.inputs import WORD_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from contextpolicy.streams.timeline import Timeline
-    from robotkit.module import Module
     from timelines.experiments.stories import Story
-
-MODULES = deploy.REPOSITORY / "modules"
-SECOND: Mapping[str, Mapping[str, Any]] = yaml.safe_load(
-    Path(__file__).with_name("values.yaml").read_text(encoding="utf-8")
-)["modules"]
-"""Tasks that are a module once more, as the robot's chart has them."""
-TASKS = (*deploy.TASKS, *SECOND)
-"""All tasks that some story has."""
-
-
-def tasks_of(story: Story) -> tuple[str, ...]:
-    """The tasks that a story's policy names: its robot has no others."""
-    document = yaml.safe_load(story.policy_file.read_text(encoding="utf-8"))
-    return tuple(task["name"] for task in document["spec"]["tasks"])
-
-
-def module(task: str) -> Module:
-    """What a task's module.yaml says, and its environment."""
-    own = SECOND.get(task, {})
-    return load_module(MODULES / own.get("module", task) / "module.yaml", own.get("env"))
-
-
-def inputs_of(task: str) -> dict[str, str]:
-    """The key of each of a task's inputs."""
-    return {name: entry.key for name, entry in module(task).inputs.items()}
 
 
 def schedule(story: Story, path: Path, datasets: Path, deadlines: Mapping[str, float], cores: int) -> Schedule:

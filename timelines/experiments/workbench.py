@@ -17,8 +17,9 @@ from timelines.experiments.evidence import ENDING
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute
-from timelines.experiments.schedules import TASKS, fingerprint, module, schedule
+from timelines.experiments.schedules import fingerprint, schedule
 from timelines.experiments.stories import Use
+from timelines.experiments.tasks import TASKS, module
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

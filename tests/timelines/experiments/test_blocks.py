@@ -7,8 +7,8 @@ from collections import Counter
 from timelines.experiments.blocks import HEAVY, LIGHT, PLAN, START, part_of, seconds_left, trials
 from timelines.experiments.configurations import ALONE, FACTORS, LINUX
 from timelines.experiments.goals import GOALS
-from timelines.experiments.schedules import tasks_of
 from timelines.experiments.stories import HELD_OUT, Use
+from timelines.experiments.tasks import tasks_of
 
 ALL = list(trials())
 
