@@ -1,4 +1,4 @@
-"""The tasks of a story's robot: those that its policy names, each a module, or one once more."""
+"""The tasks of a story's robot: those that its policy names. Each runs a module, and two may run the same one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MODULES = deploy.REPOSITORY / "modules"
 SECOND: Mapping[str, Mapping[str, Any]] = yaml.safe_load(
     Path(__file__).with_name("values.yaml").read_text(encoding="utf-8")
 )["modules"]
-"""Tasks that are a module once more, as the robot's chart has them."""
+"""Tasks that run a module a second time, as values of the robot's chart."""
 TASKS = (*deploy.TASKS, *SECOND)
 """All tasks that some story has."""
 
@@ -32,7 +32,7 @@ def tasks_of(story: Story) -> tuple[str, ...]:
 
 
 def module(task: str) -> Module:
-    """What a task's module.yaml says, and its environment."""
+    """What a task's module.yaml says, with the keys that the task has instead."""
     own = SECOND.get(task, {})
     return load_module(MODULES / own.get("module", task) / "module.yaml", own.get("env"))
 

@@ -29,6 +29,7 @@ from timelines.experiments.configurations import (
 from timelines.experiments.healths import idle
 from timelines.experiments.installation import DEPTH, policy_document, values
 from timelines.experiments.stories import HELD_OUT, PAPER
+from timelines.experiments.tasks import inputs_of
 
 POLICIES = {story.policy: policy_document(story) for story in (HELD_OUT[0], PAPER[0])}
 MISSION = POLICIES["mission"]
@@ -118,6 +119,14 @@ def test_queues_are_the_modules_own_but_under_the_papers_terms():
     deep = module(LINUX, story=PAPER[0])
     assert deep["env"]["INPUT_STEREO"] == f"{{depth: {DEPTH}}}"
     assert "memory" in deep
+
+
+def test_the_second_camera_s_reader_is_the_module_signs_on_keys_of_its_own():
+    left = module(WEIGHTS_GATED, "signs-left")
+    assert (left["module"], left["enabled"], left["cpu"]) == ("signs", True, {"limit": "2"})
+    assert left["env"]["INPUT_PICTURE"] == inputs_of("signs-left")["picture"] == "robot/camera/left"
+    assert left["env"]["PUBLISH_RUNS"] == "true"
+    assert inputs_of("signs") == {"picture": "robot/camera/side"}
 
 
 def test_only_what_a_policy_resizes_has_a_limit():
