@@ -32,10 +32,9 @@ from timelines.experiments.stories import HELD_OUT, PAPER
 from timelines.experiments.workbench import Folders, Workbench
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from timelines.experiments.blocks import Trial
-    from timelines.experiments.workbench import Setting
 
 OUT = deploy.REPOSITORY / "build" / "experiments"
 DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
@@ -88,18 +87,18 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:
     found = settings(frozen)
     chosen = list(trials(stories=options.stories, only=options.only, loads=options.loads, most=options.blocks))
     campaign = Campaign(bench, found, tuned_weights(frozen), Lines())
-    able = _able(campaign, chosen, found)
+    able = _able(campaign, chosen)
     left = campaign.run(able, until=until, commit=options.commit)
     if left:
         Lines().say(f"{left} runs are left: run the same command again to continue")
     return not campaign.failed
 
 
-def _able(campaign: Campaign, chosen: Sequence[Trial], found: Mapping[str, Setting]) -> list[Trial]:
+def _able(campaign: Campaign, chosen: Sequence[Trial]) -> list[Trial]:
     """The runs that this node is able to do; of the others it is reported why it is not."""
     able = list(chosen)
     for load, configuration in dict.fromkeys((one.load, one.configuration) for one in chosen):
-        reason = installation.obstacle(configuration, slow=found[load].capacity.part < 1)
+        reason = installation.obstacle(configuration)
         if reason:
             own = [one for one in chosen if (one.load, one.configuration) == (load, configuration)]
             campaign.leave_out(own, reason)

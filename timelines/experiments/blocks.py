@@ -11,7 +11,6 @@ from timelines.experiments.configurations import (
     FACTORS,
     FIRST_LAW,
     PAPERS,
-    REALTIME,
     VPA,
     Configuration,
 )
@@ -48,7 +47,6 @@ PLAN: Sequence[Part] = (
     Part(HEAVY, HELD_OUT, ADAPTIVE, 3),
     Part(PAPERS_LOAD, PAPER, PAPERS, 3),
     Part(HEAVY, HELD_OUT, (VPA,), 3),
-    Part(LIGHT, HELD_OUT, (REALTIME,), 3),
 )
 """In the order of what a claim needs first."""
 

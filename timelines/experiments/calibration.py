@@ -39,17 +39,17 @@ LONGER = 2
 
 
 def demand(runs: Sequence[Run]) -> dict[str, float]:
-    """Cores that each task wants while its inputs come, from runs in which each was alone."""
+    """Whole processors that each task wants while its inputs come, from runs in which each was alone."""
     return {task: sum(_wanted(run, task) for run in runs) / len(runs) for task in runs[0].schedule.inputs}
 
 
 def _wanted(run: Run, task: str) -> float:
-    """Cores while its inputs came: less what it used at rest while the others' came, plus what it did not get to."""
+    """Those while its inputs came: less what it used at rest while the others' came, plus what it did not get to."""
     length, about, ended = run.schedule.duration, run.record.about, run.ended(task)
     done = [one.cpu for one in ended if one.cpu is not None]
     left_out = math.fsum(done) * (len(ended) / len(done) - 1) if done else 0.0
     own: float = about["cpu"][task] - _resting(run.record.used[task]) * (about["seconds"] - length)
-    return (own + left_out) / length
+    return (own + left_out) * run.speed / length
 
 
 def _resting(used: Sequence[int]) -> float:
@@ -58,7 +58,7 @@ def _resting(used: Sequence[int]) -> float:
 
 
 def neediest(runs: Sequence[Run]) -> dict[str, float]:
-    """Cores that each context's critical task and the protected ones want together, nearly all of its time."""
+    """Whole processors that each context's critical and protected tasks want together, nearly all of its time."""
     found: dict[str, list[float]] = {}
     for run in runs:
         wanted, about = {task: _by_second(run, task) for task in run.schedule.inputs}, contexts(run.schedule)
@@ -73,12 +73,12 @@ def neediest(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _by_second(run: Run, task: str) -> list[float]:
-    """Cores that a task wants in each second of the story: for the inputs that come in it, and for all else it does."""
+    """What a task wants in each second of the story: for the inputs that come in it, and for all else it does."""
     ended = run.ended(task)
-    beside = _wanted(run, task) - math.fsum(one.cpu or 0.0 for one in ended) / run.schedule.duration
+    beside = _wanted(run, task) - run.speed * math.fsum(one.cpu or 0.0 for one in ended) / run.schedule.duration
     found = [beside] * math.ceil(run.schedule.duration)
     for due, end in zip(run.schedule.of(task), ended, strict=True):
-        found[math.floor(due.at)] += end.cpu or 0.0
+        found[math.floor(due.at)] += run.speed * (end.cpu or 0.0)
     return found
 
 

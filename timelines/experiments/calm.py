@@ -20,12 +20,16 @@ LOOK = 2.0
 PATIENCE = 180.0
 
 
+class DisturbedError(DeployError):
+    """A machine that was not as quiet or as fast as a run needs, whatever the run was of."""
+
+
 def wait_until_calm(
     busy: Callable[[], float] = machine_seconds,
     sleep: Callable[[float], None] = time.sleep,
     cores: int = CORES,
 ) -> float:
-    """Wait until the machine is quiet, and return the part of it that was busy; DeployError if it never is.
+    """Wait until the machine is quiet, and return the part of it that was busy; DisturbedError if it never is.
 
     The kernel does not report when it becomes idle, so this looks, for at most PATIENCE seconds.
     """
@@ -36,6 +40,6 @@ def wait_until_calm(
         part = (busy() - before) / (LOOK * cores)
         if part <= QUIET:
             return round(part, 3)
-    raise DeployError(
+    raise DisturbedError(
         f"the machine was {part:.0%} busy after {PATIENCE:g} s of waiting: stop everything else that runs on it"
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from timelines.demo.deploy import DeployError
 from timelines.experiments.accounting import Heard
 from timelines.experiments.accuracy import EARLY, LATE
+from timelines.experiments.calm import DisturbedError
 from timelines.experiments.due import TENTHS
 from timelines.experiments.executive import KEYWORD, POSE
 from timelines.experiments.record import Column, Record
@@ -95,12 +96,12 @@ def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:
 
 
 def _check_player(trial: Trial, late: Mapping[str, Sequence[int]]) -> None:
-    """DeployError if the player was late so often that its inputs came in heaps."""
+    """DisturbedError if the player was late so often that its inputs came in heaps."""
     every = [one > TOO_LATE * TENTHS for own in late.values() for one in own]
     part = sum(every) / max(len(every), 1)
     if part > SELDOM:
         said = f"{100 * part:.0f} % of the inputs were published more than {TOO_LATE} s late"
-        raise DeployError(f"{trial}: {said}: expected at most {100 * SELDOM:.0f} %")
+        raise DisturbedError(f"{trial}: {said}: expected at most {100 * SELDOM:.0f} %")
 
 
 def _column(run: RunData, schedule: Schedule, task: str, name: str) -> Column:

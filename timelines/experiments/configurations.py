@@ -39,14 +39,13 @@ class Configuration:
     agent: bool = False
     static: bool = False
     adaptive: bool = False
-    realtime: bool = False
     autoscaled: bool = False
     alone: bool = False
 
     @property
     def contextual(self) -> bool:
         """Whether CPU moves with the context."""
-        return bool(self.control) or self.realtime
+        return bool(self.control)
 
     @property
     def relayed(self) -> bool:
@@ -62,7 +61,7 @@ class Configuration:
         spec["reserve"] = reserve
         if not self.contextual:
             spec["mode"] = "DryRun"
-        spec["enforcement"] = {"scheduler": "Realtime", "period": "1s"} if self.realtime else _control(self.control)
+        spec["enforcement"] = {"control": self.control} if self.control else {}
         if self.control == "Weight":
             _without_max(spec)
         if not self.gated:
@@ -104,10 +103,6 @@ def autoscalers(document: Document, cores: int) -> Iterator[Document]:
         }
 
 
-def _control(control: str) -> Document:
-    return {"control": control} if control else {}
-
-
 def _without_max(spec: Document) -> None:
     """Under weights a `max` would be a quota: what is idle stays usable without."""
     for task in spec["tasks"]:
@@ -134,7 +129,6 @@ WEIGHTS_ADAPTIVE = Configuration(
     "weights-adaptive", "context weights, gated, adaptive", "Weight", agent=True, gated=True, adaptive=True
 )
 VPA = Configuration("vpa", "VPA in place", autoscaled=True)
-REALTIME = Configuration("realtime", "context realtime, gated", agent=True, gated=True, realtime=True)
 ALONE = Configuration("alone", "each task alone", alone=True)
 
 FACTORS: Sequence[Configuration] = (
@@ -146,4 +140,4 @@ ADAPTIVE: Sequence[Configuration] = (LINUX_ADAPTIVE, WEIGHTS_ADAPTIVE)
 FIRST_LAW: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS_GATED, LIMITS_GATED)
 """Under light load: the product as it is used, against plain Linux."""
 PAPERS: Sequence[Configuration] = (LINUX, WEIGHTS_GATED, LIMITS_GATED, RESIZED)
-CONFIGURATIONS: Mapping[str, Configuration] = {one.name: one for one in (*FACTORS, *ADAPTIVE, VPA, REALTIME, ALONE)}
+CONFIGURATIONS: Mapping[str, Configuration] = {one.name: one for one in (*FACTORS, *ADAPTIVE, VPA, ALONE)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -17,6 +16,7 @@ from timelines.experiments.tasks import SECOND, module
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
     from contextlib import AbstractContextManager
+    from pathlib import Path
 
     import zenoh
 
@@ -32,7 +32,6 @@ DEPTH = 100_000
 """So long that a queue drops nothing: under the paper's terms what waits, waits."""
 ROOM = "1536Mi"
 """Memory limit of a module with such a queue of pictures."""
-REALTIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
 CONTROL = ("operator", "router", "agent")
 """Containers of what decides and carries it out; the router is the bus, with and without."""
 AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
@@ -51,12 +50,8 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def obstacle(configuration: Configuration, *, slow: bool) -> str:
+def obstacle(configuration: Configuration) -> str:
     """Why this node is not able to carry a configuration out; empty if it is."""
-    if configuration.realtime and not REALTIME.exists():
-        return "the kernel has no realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1)"
-    if configuration.realtime and slow:
-        return "the threads that slow the processors have realtime priority too, and would compete with it"
     if configuration.autoscaled and not _defined(AUTOSCALERS):
         return "no VerticalPodAutoscaler is installed"
     return ""
@@ -91,7 +86,7 @@ def install(configuration: Configuration) -> None:
 
     The bus is closed in any case: the agent needs it so, and encryption takes CPU that all have to pay alike.
     """
-    settings = ["agent.enabled=true"] * configuration.agent + ["agent.realtime=true"] * configuration.realtime
+    settings = ["agent.enabled=true"] * configuration.agent
     deploy.install_operator(*settings, closed=True)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from timelines.experiments.accounting import Ended, Tally, cpu_of_same, quantile, wanted
+from timelines.experiments.capacity import WHOLE
 from timelines.experiments.due import TENTHS
 from timelines.experiments.stories import CRITICAL, PROTECTED
 
@@ -51,6 +52,11 @@ class Run:
 
     schedule: Schedule
     record: Record
+
+    @property
+    def speed(self) -> float:
+        """How fast its processors were, as a multiple of a whole one: CPU seconds count as so many of that."""
+        return float(self.record.about["pace"]["speed"]) / WHOLE
 
     def ended(self, task: str) -> list[Ended]:
         """How all of a task's inputs ended."""
@@ -121,13 +127,13 @@ def accuracy(pair: Pair) -> dict[str, Case]:
 
 
 def cpu_per_input(pair: Pair) -> dict[str, Case]:
-    """CPU that all tasks took for those inputs that both runs did, as a multiple of the other's."""
+    """CPU that all tasks took for those inputs that both runs did, at the same speed, as a multiple of the other's."""
+    own, its = Run(pair.schedule, pair.record), Run(pair.schedule, pair.base)
     before = after = 0.0
     for task in pair.schedule.inputs:
-        own, its = Run(pair.schedule, pair.record).ended(task), Run(pair.schedule, pair.base).ended(task)
-        one, other = cpu_of_same(its, own)
+        one, other = cpu_of_same(its.ended(task), own.ended(task))
         before, after = before + one, after + other
-    return {"all tasks": Case(after / before, 1.0)} if before else {}
+    return {"all tasks": Case(after * own.speed / (before * its.speed), 1.0)} if before else {}
 
 
 def _hit(run: Run, task: str, context: str | None = None) -> float:

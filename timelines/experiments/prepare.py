@@ -101,11 +101,15 @@ class Preparation:
         """What is predicted of each held-out story, and the profiles that this is computed from."""
         setting, trial = settings(frozen)[HEAVY], Trial(HEAVY, TUNING[0], ALONE, 0, 0)
         capacity, place = setting.capacity, _place(setting.capacity)
-        self._record(place, trial, setting, {})  # it may be gone, as after a new checkout
-        profiles = self._bench.profiles(place, trial)
+        record = self._record(place, trial, setting, {})  # it may be gone, as after a new checkout
+        run, profiles = (
+            Run(self._bench.schedule(trial.story, setting.deadlines), record),
+            self._bench.profiles(place, trial),
+        )
+        left = Capacity(capacity.processors, capacity.part / run.speed)  # of processors as fast as they were then
         misses = {
             story.name: predict(
-                installation.policy_document(story), load(self._bench.folders.timeline(story)), profiles, capacity
+                installation.policy_document(story), load(self._bench.folders.timeline(story)), profiles, left
             )
             for story in HELD_OUT
         }

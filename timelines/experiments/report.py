@@ -10,7 +10,6 @@ from timelines.experiments import detail_tables, pictures, tables
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, WEIGHTS, WEIGHTS_GATED
-from timelines.experiments.cpu_account import SLOWING
 from timelines.experiments.goals import GOALS, SIGNIFICANT, Goal
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.verdicts import judged, verdicts
@@ -33,8 +32,9 @@ intervals over runs or blocks; p is of an exact sign-flip test over blocks, by H
 THREATS = """\
 - The stories are invented, and the recordings rendered or synthesised: they show how CPU is divided, not how well this
   robot would do in a building.
-- Cores of a server, slowed by threads of realtime priority that take their part of every 2 ms: caches, memory and
-  frequency are not a board's.
+- Cores of a virtual server, kept at one speed by threads of realtime priority that take the rest of every 5 ms,
+  whatever else their host runs: caches and memory are not a board's, nor kept, and CPU seconds count as work at that
+  speed. A limit in CPU time is the looser, the faster the host is.
 - One machine, one kernel and one version of cgroups; the blocks ran within days of each other.
 - Ten blocks may have nothing of what fails in fewer than one of ten, and bootstrap intervals of three blocks (the
   paper's stories, adaptive modules) are narrower than 95 %.
@@ -112,16 +112,17 @@ def _machine(evidence: Evidence) -> str:
         f"{load} load: {asked[load]:g} times what there is, {_capacity(every, load, *own)}"
         for load, own in loads.items()
     )
-    words.append(f"Asked of the processors, and how many there are of which part is left: {'; '.join(shared)}.")
+    words.append(
+        f"Asked of the processors, and how many there are with which part of a whole one: {'; '.join(shared)}."
+    )
     alone = ", ".join(f"{task} {100 * value:.1f} %" for task, value in evidence.frozen["solo"].items())
     words.append(f"Hit rates of each task alone when deadlines were frozen: {alone}.")
     return " ".join(words) + "\n"
 
 
 def _capacity(every: Sequence[Record], load: str, processors: int, part: float) -> str:
-    """What the tasks should share, and the part of each processor that the slowing threads really left."""
-    own = [one.about for one in every if one.load == load]
-    left = [1 - about["cpu"][SLOWING] / (processors * about["seconds"]) for about in own]
+    """What the tasks should share, and what they could do on each processor according to what slowed it."""
+    left = [part * one.about["pace"]["left"] for one in every if one.load == load]
     return f"{Capacity(processors, part)}{f' (measured: {fmean(left):.3f})' if left else ''}"
 
 

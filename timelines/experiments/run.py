@@ -18,7 +18,6 @@ from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import confine, healths, installation
-from timelines.experiments import slowed as slowing
 from timelines.experiments.calm import wait_until_calm
 from timelines.experiments.cpu_account import SLOWING, Account, machine_seconds
 from timelines.experiments.executive import Executive
@@ -26,6 +25,7 @@ from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.record import write_whole
+from timelines.experiments.slowed import slowed
 from timelines.experiments.tasks import inputs_of, tasks_of
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
@@ -132,7 +132,7 @@ class _Recording:
         processors = confine.first(capacity.processors)
         confine.confine(cgroups, self._tasks, processors)
         calm = wait_until_calm()
-        with slowing.slowed(capacity.part, processors) as thieves, McapWriter(folder / MESSAGES) as file:
+        with slowed(capacity.pace, processors) as thieves, McapWriter(folder / MESSAGES) as file:
             parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
             with (
                 BusRecorder(self._viewer, file, cgroups, without_payload=self._source.recorded),
@@ -144,7 +144,6 @@ class _Recording:
                 took = time.monotonic() - began
             profiles = _profiles(self._viewer, self._tasks)
             confine.check(cgroups, self._tasks, processors)
-            slowing.check(account.spent[SLOWING], capacity, took)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
         kept = document(profiles, dt.datetime.now(dt.UTC))
         (folder / PROFILES).write_text(json.dumps(kept), encoding="utf-8")
@@ -154,6 +153,7 @@ class _Recording:
             "code": self._conditions.code,
             "load": calm,
             "capacity": list(capacity),
+            "pace": thieves.pace()._asdict(),
             "seconds": round(took, 2),
             "cpu": account.spent,
             "drained": drained,

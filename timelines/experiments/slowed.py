@@ -1,9 +1,10 @@
-"""Processors that are as slow as a board's: what makes them so is a thread of realtime priority on each.
+"""Processors of one speed: as slow as a board's, and the same beside whatever else the host runs.
 
-It takes its part of every two milliseconds, so that all else, the kubelet and our own measuring included, gets the
-rest. A CPU quota would not do: within its period it lets work run at full speed and then stops it, and what takes less
-than the quota is not slowed at all. These threads compete with realtime tasks: such rows are not to be measured beside
-them.
+What makes them so is a thread of realtime priority on each (`thief`): it takes what a processor does beyond a pace, so
+that all else, the kubelet and our own measuring included, gets the rest. A core of a host that others share is now
+half as fast as it was a second ago, and no comparison would survive that. A CPU quota would not do: within its period
+it lets work run at full speed and then stops it, and what takes less than the quota is not slowed at all. These
+threads compete with realtime tasks, which are not to be measured beside them.
 """
 
 from __future__ import annotations
@@ -14,33 +15,68 @@ import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, cast
+from statistics import fmean
+from typing import IO, TYPE_CHECKING, NamedTuple, cast
+
+from timelines.experiments import thief
+from timelines.experiments.calm import DisturbedError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from timelines.experiments.capacity import Capacity
+ENOUGH = 0.97
+"""Part of the pace that is left on average at least: the host may have been busy elsewhere for the rest."""
+WORST = 0.7
+"""The same in each second: a processor that stands still for longer makes its tasks late, however they are divided."""
+MOST = 1.05
+"""Part of it that is left on average at most: more would be another load."""
 
-PERIOD = 0.002
-HEADROOM = 0.9
-"""The kernel stops realtime threads that take more than 95 % of each second."""
-OFF = 0.1
-"""Part of what they should leave by which thieves may be off: a load of 1.4 is then one of 1.3 to 1.6."""
+
+class SlowedError(DisturbedError):
+    """The processors did not have their pace all the time."""
 
 
-class SlowedError(Exception):
-    """The processors were not slowed all the time, or not as much as they should be."""
+class Pace(NamedTuple):
+    """Turns that all else could do in a second of CPU, and the part of the pace that it had: on average, at worst."""
+
+    speed: float
+    left: float
+    worst: float
 
 
 class Thieves:
-    """The processes that slow the processors, or none."""
+    """The processes that slow the processors to a pace."""
 
-    def __init__(self, processes: Sequence[int]) -> None:
-        self._processes = processes
+    def __init__(self, processes: Sequence[subprocess.Popen[str]], pace: float) -> None:
+        self._processes, self._pace = processes, pace
+        self._lines: list[str] = []
 
     def seconds(self) -> float:
-        """CPU that they have taken so far, by their own clocks: what they should take is not what they get."""
-        return sum(process_seconds(process) for process in self._processes)
+        """CPU that they have taken so far, by their own clocks."""
+        return sum(process_seconds(one.pid) for one in self._processes)
+
+    def pace(self) -> Pace:
+        """What they found while the block ran, once it has ended; SlowedError if it was not the pace."""
+        return checked([[float(word) for word in line.split()] for line in self._lines], self._pace)
+
+    def end(self) -> None:
+        """End them, and keep what they have written."""
+        for one in self._processes:
+            one.kill()
+            self._lines += one.communicate()[0].splitlines()
+
+
+def checked(lines: Sequence[Sequence[float]], pace: float) -> Pace:
+    """What thieves' lines come to; SlowedError if they left much more or less than a pace. Pure."""
+    if not lines:
+        raise SlowedError("what slows the processors said nothing: expected a line every second")
+    left = [one / pace for _, one in lines]
+    speed = fmean(turns for _, turns in lines) / fmean(seconds for seconds, _ in lines)
+    found = Pace(round(speed), round(fmean(left), 3), round(min(left), 3))
+    if not ENOUGH <= found.left <= MOST or found.worst < WORST:
+        said = f"{found.left:.0%} of their pace, and {found.worst:.0%} in their worst second"
+        raise SlowedError(f"the processors had {said}: expected at least {ENOUGH:.0%} and {WORST:.0%}")
+    return found
 
 
 def process_seconds(process: int) -> float:
@@ -48,57 +84,38 @@ def process_seconds(process: int) -> float:
     return int(Path(f"/proc/{process}/schedstat").read_text(encoding="ascii").split()[0]) / 1e9
 
 
-def check(taken: float, capacity: Capacity, seconds: float) -> None:
-    """SlowedError if thieves have left much more or less than they should in so many seconds; `taken` is theirs."""
-    left = capacity.processors * capacity.part * seconds
-    due = capacity.processors * seconds - left
-    if abs(taken - due) > OFF * left:
-        raise SlowedError(f"what slows the processors took {taken:.2f} s of them instead of {due:.2f} s")
-
-
 @contextmanager
-def slowed(part: float, processors: Collection[int]) -> Iterator[Thieves]:
-    """Leave this part of each of these processors to all else; with all of it nothing is started.
+def slowed(pace: float, processors: Collection[int]) -> Iterator[Thieves]:
+    """Leave each of these processors this pace, in turns of the thieves' loop a second.
 
     SlowedError if what slows them does not begin, or has ended before the block does.
     """
-    # Programs of their own, which import nothing of this project: they are there soon.
-    thieves = [_thief(cpu, 1 - part) for cpu in processors if part < 1]
+    processes = [_thief(cpu, pace) for cpu in processors]
+    thieves = Thieves(processes, pace)
     try:
-        if not all(_out(thief).readline() for thief in thieves):
+        if not all(_out(one).readline() for one in processes):
             raise SlowedError("can't slow the processors: expected permission to use realtime priorities")
-        yield Thieves([thief.pid for thief in thieves])
-        if any(thief.poll() is not None for thief in thieves):
+        yield thieves
+        if any(one.poll() is not None for one in processes):
             raise SlowedError("the process that slows the processors has ended")
     finally:
-        for thief in thieves:
-            thief.kill()
-            thief.wait()
-            _out(thief).close()
+        thieves.end()
 
 
-def _thief(cpu: int, part: float) -> subprocess.Popen[str]:
-    return subprocess.Popen([sys.executable, __file__, str(cpu), str(part)], stdout=subprocess.PIPE, text=True)
+def _thief(cpu: int, pace: float) -> subprocess.Popen[str]:
+    return subprocess.Popen([sys.executable, thief.__file__, str(cpu), str(pace)], stdout=subprocess.PIPE, text=True)
 
 
-def _out(thief: subprocess.Popen[str]) -> IO[str]:
+def _out(process: subprocess.Popen[str]) -> IO[str]:
     """Where it says that it has begun; empty once it has ended."""
-    return cast("IO[str]", thief.stdout)
+    return cast("IO[str]", process.stdout)
 
 
-def _steal(cpu: int, part: float) -> None:
-    os.sched_setaffinity(0, {cpu})
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-    sys.stdout.write("begins\n")
-    sys.stdout.flush()
-    # All at once: the kernel moves a thread whose processor is taken to one that is not.
-    begin, parent = time.monotonic() // PERIOD * PERIOD, os.getppid()
-    while os.getppid() == parent:
-        while time.monotonic() < begin + part * PERIOD:
-            pass
-        begin += PERIOD
-        time.sleep(max(0.0, begin - time.monotonic()))
-
-
-if __name__ == "__main__":
-    _steal(int(sys.argv[1]), float(sys.argv[2]))
+def speed(processor: int, seconds: float = 1.0) -> float:
+    """How fast a processor is now: turns of the thieves' loop a second."""
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {processor})
+    try:
+        return thief.turns(time.monotonic() + seconds) / seconds
+    finally:
+        os.sched_setaffinity(0, allowed)

@@ -11,6 +11,7 @@ from contextpolicy.streams.timeline import load
 from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
+from timelines.experiments.calm import DisturbedError
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.code_version import code_version
 from timelines.experiments.evidence import ENDING
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 TRIES = 3
 """How often a run is begun before the node counts as broken: a timeout of helm must not end a night of runs."""
+DISTURBED = 10
+"""The same for a run that the machine disturbed, which is to be expected where a host is shared."""
 LONGEST = 300
 """Characters of a failure that are kept."""
 
@@ -65,7 +68,7 @@ class Workbench:
     def __init__(self, folders: Folders) -> None:
         self.folders = folders
         self.took: dict[str, tuple[float, float]] = {}
-        self._installed: tuple[bool, bool] | None = None
+        self._agent: bool | None = None  # nothing is installed
         self._schedules: dict[str, Schedule] = {}
         self._code = code_version(deploy.REPOSITORY)  # now, since what is edited later is not what runs
 
@@ -113,9 +116,12 @@ class Workbench:
     def _tried(self, trial: Trial, conditions: Conditions, folder: Path, due: Schedule) -> tuple[Record, list[str]]:
         """Do a run, TRIES times at most where anything fails, and return what failed: it is kept with the record.
 
+        A run that the machine disturbed says nothing of the node, and is repeated more often.
+
         One that was played, and not understood before we were stopped, is only read.
         """
         failures: list[str] = []
+        broken = 0
         while True:
             try:
                 if not (folder / RUN).exists():
@@ -123,11 +129,12 @@ class Workbench:
                     execute(trial, conditions, folder)
                 return self._understood(trial, conditions.timeline, folder, due), failures
             except Exception as error:  # whatever it is: one run must not end a night of them
-                self._installed = None  # everything is installed again, whatever was there
+                self._agent = None  # everything is installed again, whatever was there
                 (folder / RUN).unlink(missing_ok=True)  # what can't be understood is played again
                 failures.append(f"{type(error).__name__}: {error}"[:LONGEST])
-                if len(failures) == TRIES:
-                    raise deploy.DeployError(f"failed {TRIES} times, at last: {error}") from error
+                broken += not isinstance(error, DisturbedError)
+                if broken == TRIES or len(failures) == DISTURBED:
+                    raise deploy.DeployError(f"failed {len(failures)} times, at last: {error}") from error
 
     def _understood(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
         run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
@@ -136,11 +143,10 @@ class Workbench:
 
     def _install(self, trial: Trial) -> None:
         """Install the operator again only where another configuration needs it otherwise."""
-        wanted = (trial.configuration.agent, trial.configuration.realtime)
-        if self._installed != wanted:
+        if self._agent is not trial.configuration.agent:
             installation.stop_robot()
             installation.install(trial.configuration)
-            self._installed = wanted
+            self._agent = trial.configuration.agent
 
     def _timeline(self, trial: Trial) -> Path:
         return self.folders.timeline(trial.story)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from timelines.experiments.accounting import Ended, Ending
+from timelines.experiments.capacity import WHOLE
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.evidence import Evidence
 from timelines.experiments.record import Column, Record
@@ -18,7 +19,7 @@ SCHEDULE = Schedule(
     [Window(0.0, 5.0, ("drive",), frozenset()), Window(5.0, 10.0, ("talk",), frozenset({"slam"}))],
     [(6.0, 7.2)],
 )
-ABOUT = {
+ABOUT: dict[str, Any] = {
     "date": "2026-11-26T03:00:00+00:00",
     "machine": {"processor": "a test", "cores": 2, "memory_gib": 4.0, "kernel": "6"},
     "code": "abc1234",
@@ -29,6 +30,7 @@ ABOUT = {
     "load": 0.1,
     "drained": True,
     "capacity": [1, 0.4],
+    "pace": {"speed": WHOLE, "left": 0.98, "worst": 0.95},
 }
 
 
@@ -51,6 +53,11 @@ def a_run(  # noqa: PLR0913 - what a run differs in, by keyword
     commands = [[number, 600] for number, letter in enumerate(slam) if letter == "i"]
     whole: dict[str, Any] = {"plans": plans, "used": used, "commands": commands, "stops": [[0, 8000]], **more}
     return Record(load, story, configuration, block, columns, late, ABOUT, **whole)
+
+
+def at_speed(record, speed):
+    """On processors so many times as fast as whole ones."""
+    return replace(record, about={**record.about, "pace": {**ABOUT["pace"], "speed": speed * WHOLE}})
 
 
 def evidence(*records, frozen=None, absent=()):

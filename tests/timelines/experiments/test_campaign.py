@@ -122,7 +122,7 @@ def test_what_this_node_is_not_able_to_do_is_reported(monkeypatch, tmp_path):
     monkeypatch.setattr(installation, "obstacle", lambda one, **_: "it can't" if one is WEIGHTS else "")
     lines = Lines()
     made = Campaign(Bench(tmp_path), {}, {}, lines)
-    able = command._able(made, CHOSEN, {HEAVY: Setting(Capacity(1, 0.4), {})})
+    able = command._able(made, CHOSEN)
     assert able == [trial for trial in CHOSEN if trial.configuration is LINUX]
     assert lines.said == ["not run: context weights, heavy load: it can't"]
     assert len(Evidence.read(tmp_path / "data").absent) == 2

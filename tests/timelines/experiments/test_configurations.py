@@ -17,7 +17,6 @@ from timelines.experiments.configurations import (
     LINUX,
     LINUX_ADAPTIVE,
     LINUX_GATED,
-    REALTIME,
     STATIC,
     STATIC_GATED,
     VPA,
@@ -52,7 +51,6 @@ def test_every_variant_is_a_policy(configuration, document):
     policy = parse(resource)
     assert policy.reference == "robot/whole-robot"
     assert policy.mode.acts == configuration.contextual
-    assert (policy.enforcement.scheduler == "Realtime") == configuration.realtime
     if configuration.control:
         assert policy.enforcement.control == configuration.control
 
@@ -141,14 +139,10 @@ def test_modules_listen_to_the_gate_where_nothing_acts_and_adapt_where_they_shou
     assert module(LINUX_ADAPTIVE)["env"]["ADAPT"] == "true"
 
 
-def test_a_node_that_is_not_able_to_do_something_has_a_reason(monkeypatch, tmp_path):
-    monkeypatch.setattr(installation, "REALTIME", tmp_path)
+def test_a_node_that_is_not_able_to_do_something_has_a_reason(monkeypatch):
     monkeypatch.setattr(deploy, "run", lambda *_, **__: "")
-    assert "VerticalPodAutoscaler" in installation.obstacle(VPA, slow=False)
-    assert "realtime priority" in installation.obstacle(REALTIME, slow=True)
-    assert installation.obstacle(REALTIME, slow=False) == installation.obstacle(LINUX, slow=True) == ""
-    monkeypatch.setattr(installation, "REALTIME", tmp_path / "none")
-    assert "realtime groups" in installation.obstacle(REALTIME, slow=False)
+    assert "VerticalPodAutoscaler" in installation.obstacle(VPA)
+    assert installation.obstacle(LINUX) == ""
 
 
 def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.timelines.experiments.made_up import ABOUT, SCHEDULE, a_run
+from tests.timelines.experiments.made_up import ABOUT, SCHEDULE, a_run, at_speed
 from timelines.experiments.accounting import Ended, Ending
 from timelines.experiments.calibration import capacity, deadline, demand, neediest, solo
 from timelines.experiments.capacity import Capacity
@@ -33,6 +33,13 @@ def alone(slam="i" * 10, cpu=0.02):
 
 def test_a_task_wants_what_it_used_while_its_inputs_came_and_no_rest_of_the_time():
     assert demand([alone(), alone()]) == pytest.approx({"slam": 0.052, "speech": 0.002})
+
+
+def test_what_is_wanted_is_in_whole_processors_however_fast_they_were():
+    one = alone()
+    faster = Run(SCHEDULE, at_speed(one.record, 1.5))
+    assert demand([faster]) == pytest.approx({name: 1.5 * cores for name, cores in demand([one]).items()})
+    assert neediest([faster])["drive"] == pytest.approx(1.5 * neediest([one])["drive"])
 
 
 def test_inputs_that_were_not_done_are_wanted_as_well():

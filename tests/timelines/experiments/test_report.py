@@ -56,7 +56,7 @@ def test_it_says_which_code_was_run(text, tmp_path):
 
 
 def test_it_says_how_much_the_tasks_want_of_what_there_is_and_how_slow_it_was(text):
-    assert "heavy load: 1.21 times what there is, 1 x 0.8 (measured: 0.900)" in text  # one second of ten is taken
+    assert "heavy load: 1.21 times what there is, 1 x 0.8 (measured: 0.784)" in text
     assert "light load: 0.7 times what there is, 2 x 0.8;" in text  # nothing was run under it
 
 

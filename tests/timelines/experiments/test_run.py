@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -20,11 +21,13 @@ from timelines.experiments import collect, healths, installation, metrics, workb
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
+from timelines.experiments.calm import DisturbedError
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
 from timelines.experiments.run import Conditions, TimelineSource, execute
+from timelines.experiments.slowed import Pace, SlowedError
 from timelines.experiments.stories import HELD_OUT
 
 SLAM = Module(
@@ -67,11 +70,26 @@ def node(monkeypatch):
         monkeypatch.setattr(installation, "decide", lambda *_: None)
         monkeypatch.setattr(installation, "cgroups", lambda _: {})
         monkeypatch.setattr(run_module, "wait_until_calm", lambda: 0.1)
+        monkeypatch.setattr(run_module, "slowed", at_pace)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
         running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, publish_runs=True)
         yield
         stop.set()
         running.result()
+
+
+@contextmanager
+def at_pace(pace, _):
+    """In place of slowed processors, which a busy machine does not have."""
+
+    class Thieves:
+        def seconds(self):
+            return 0.0
+
+        def pace(self):
+            return Pace(pace, 1.0, 1.0)
+
+    yield Thieves()
 
 
 def conditions(tmp_path):
@@ -184,6 +202,15 @@ def test_a_node_that_always_fails_ends_the_runs_and_they_are_played_again_next_t
             play(tmp_path)
         assert node.runs == workbench.TRIES
     assert not list(tmp_path.rglob(RUN))
+
+
+def test_a_run_that_the_machine_disturbs_is_repeated_more_often(monkeypatch, tmp_path):
+    node = Flaky(monkeypatch, fails=workbench.DISTURBED - 1, error=DisturbedError)
+    assert len(play(tmp_path).about["failures"]) == workbench.DISTURBED - 1
+    node = Flaky(monkeypatch, fails=99, error=SlowedError)
+    with pytest.raises(deploy.DeployError, match=f"failed {workbench.DISTURBED} times, at last"):
+        play(tmp_path / "again")
+    assert node.runs == workbench.DISTURBED
 
 
 def test_the_bus_is_the_same_with_and_without_the_agent(monkeypatch):

@@ -1,4 +1,4 @@
-"""Processors are slowed all the time, or a run does not count."""
+"""Processors keep their pace all the time, or a run does not count."""
 
 from __future__ import annotations
 
@@ -8,14 +8,67 @@ import pytest
 
 from tests.waiting import until
 from timelines.experiments import slowed as slowed_module
-from timelines.experiments.capacity import Capacity
-from timelines.experiments.slowed import SlowedError, check, slowed
+from timelines.experiments import thief as thief_module
+from timelines.experiments.slowed import SlowedError, checked, slowed, speed
+from timelines.experiments.thief import LEAST, PERIOD, Pacer
+
+PACE = 100_000.0
+
+
+def pacer_after(*speeds, periods=200):
+    """One that saw a processor of these speeds, for so many periods each; the parts of them that it has left."""
+    pacer, left = Pacer(PACE), []
+    for speed_now in speeds:
+        for _ in range(periods):
+            seconds = pacer.take()
+            pacer.took(round(speed_now * seconds), seconds, PERIOD - seconds)
+        left.append(pacer.line(periods * PERIOD))
+    return left
+
+
+def test_a_faster_processor_does_as_much_for_all_else():
+    (slow, fast), (_, again) = pacer_after(1.2 * PACE, 2.4 * PACE), pacer_after(2.4 * PACE, 1.2 * PACE)
+    assert slow[1] == pytest.approx(PACE, rel=0.05)
+    assert fast[1] == pytest.approx(PACE, rel=0.05)
+    assert again[1] == pytest.approx(PACE, rel=0.05)
+    assert slow[0] > 1.8 * fast[0]
+
+
+def test_of_a_processor_that_is_too_slow_nearly_all_is_left():
+    ((seconds, turns),) = pacer_after(0.5 * PACE)
+    assert seconds == pytest.approx(1 - LEAST)
+    assert turns == pytest.approx(0.5 * PACE * (1 - LEAST), rel=0.2)
+
+
+def test_time_in_which_the_host_ran_something_else_was_left_to_nobody():
+    pacer = Pacer(PACE)
+    for _ in range(200):
+        pacer.took(round(1.2 * PACE * 0.0005), 0.0005, 0.001)  # of five milliseconds
+    assert pacer.line(200 * PERIOD)[0] == pytest.approx(0.2)
+
+
+def test_a_pace_that_was_kept_says_how_fast_the_processors_were():
+    assert checked([(0.5, 100_000), (0.25, 90_000), (0.5, 106_000)], PACE) == (236_800, 0.987, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ([(0.9, 95_000)] * 10, "95% of their pace"),
+        ([(0.9, 100_000)] * 99 + [(0.5, 0.6 * PACE)], "60% in their worst second"),
+        ([(0.9, 110_000)] * 10, "110% of their pace"),
+        ([], "said nothing"),
+    ],
+)
+def test_processors_that_had_another_pace_are_an_error(lines, said):
+    with pytest.raises(SlowedError, match=said):
+        checked(lines, PACE)
 
 
 def thief(monkeypatch, tmp_path, program):
     path = tmp_path / "thief.py"
     path.write_text(program, encoding="utf-8")
-    monkeypatch.setattr(slowed_module, "__file__", str(path))
+    monkeypatch.setattr(thief_module, "__file__", str(path))
 
 
 BEGINS = "print('begins', flush=True)"
@@ -23,7 +76,7 @@ BEGINS = "print('begins', flush=True)"
 
 def test_nothing_runs_where_no_thief_begins(monkeypatch, tmp_path):
     thief(monkeypatch, tmp_path, "raise SystemExit(1)")
-    with pytest.raises(SlowedError, match="realtime priorities"), slowed(0.5, {0}):
+    with pytest.raises(SlowedError, match="realtime priorities"), slowed(PACE, {0}):
         pytest.fail("it began")
 
 
@@ -37,45 +90,31 @@ def slow_down_again_and_again(seconds):
     """It is found out in the end only, and a program takes a while to end."""
     ends = time.monotonic() + seconds
     while time.monotonic() < ends:
-        with slowed(0.5, {0}):
+        with slowed(PACE, {0}):
             time.sleep(0.2)
 
 
 def test_thieves_end_with_what_they_slow(monkeypatch, tmp_path):
     thief(monkeypatch, tmp_path, f"import time; {BEGINS}; time.sleep(60)")
     began = time.monotonic()
-    with slowed(0.5, {0, 1}):
+    with slowed(PACE, {0, 1}):
         pass
     assert time.monotonic() - began < 30
 
 
-def test_whole_processors_need_none(monkeypatch, tmp_path):
-    thief(monkeypatch, tmp_path, "raise SystemExit(1)")
-    with slowed(1.0, {0}):
-        time.sleep(0.1)
-
-
 def test_what_thieves_take_is_counted_by_their_own_clocks(monkeypatch, tmp_path):
     thief(monkeypatch, tmp_path, f"{BEGINS}\nwhile True: pass")
-    with slowed(0.5, {0}) as thieves:
+    with slowed(PACE, {0}) as thieves:
         before = thieves.seconds()
         until(lambda: thieves.seconds() > before)
 
 
-@pytest.mark.parametrize(
-    ("taken", "processors", "part", "seconds"),
-    [(9.1, 1, 0.5, 20.0), (0.0, 2, 1.0, 20.0), (0.9, 1, 0.98, 30.0), (50.5, 1, 0.15, 60.0), (24.0, 2, 0.75, 60.0)],
-)
-def test_processors_may_be_a_little_more_or_less_slow(taken, processors, part, seconds):
-    """The least that a thief takes of each period is more than it should, where it should take next to nothing."""
-    check(taken, Capacity(processors, part), seconds)
-
-
-@pytest.mark.parametrize(
-    ("taken", "processors", "part", "seconds"),
-    [(8.9, 1, 0.5, 20.0), (11.1, 1, 0.5, 20.0), (47.0, 1, 0.15, 60.0), (0.0, 1, 0.8, 20.0)],
-)
-def test_processors_whose_load_is_another_than_it_should_be_are_an_error(taken, processors, part, seconds):
-    """A load follows from what is left: with a part of 0.15, a tenth too little taken makes it a third less."""
-    with pytest.raises(SlowedError, match=rf"took {taken:.2f} s of them instead of"):
-        check(taken, Capacity(processors, part), seconds)
+def test_a_thief_takes_most_where_little_is_to_be_left_and_says_so(monkeypatch):
+    for bound, value in (("ENOUGH", 0.0), ("WORST", 0.0), ("MOST", 9.0)):  # this machine may be busy
+        monkeypatch.setattr(slowed_module, bound, value)
+    pace = 0.05 * speed(0)
+    with slowed(pace, {0}) as thieves:
+        until(lambda: thieves.seconds() > 1.5)
+    found = thieves.pace()
+    assert 0 < found.worst <= found.left < 4  # 19, if it took LEAST
+    assert found.speed > pace

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.timelines.experiments.made_up import SCHEDULE, a_run, evidence
+from tests.timelines.experiments.made_up import SCHEDULE, a_run, at_speed, evidence
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.goals import GOALS, Goal
 from timelines.experiments.metrics import METRICS, Pair, Run, accuracy, coverage, cpu_per_input, critical_hits, slowest
@@ -58,6 +58,11 @@ def test_what_is_never_done_has_the_longest_response():
 def test_cpu_is_that_of_the_same_inputs():
     found = cpu_per_input(pair(a_run("weights", slam="i" * 5 + "s" * 5, cpu=0.03), a_run("linux")))
     assert found["all tasks"].value == pytest.approx(1.5)
+
+
+def test_cpu_of_faster_processors_counts_as_more():
+    found = cpu_per_input(pair(at_speed(a_run("weights"), 1.5), at_speed(a_run("linux"), 1.2)))
+    assert found["all tasks"].value == pytest.approx(1.25)
 
 
 def test_a_centimetre_of_trajectory_error_weighs_two_points():
