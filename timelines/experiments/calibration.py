@@ -26,14 +26,16 @@ LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4}
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
-ROOM = 0.85
+ROOM = 0.75
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
-no division can keep a goal, and nothing is learned from a miss; and beside others an input takes a tenth more CPU."""
+no division can keep a goal, and nothing is learned from a miss; and beside others an input takes a fifth more CPU."""
 NEARLY_ALL = 0.9
 """Part of a context's stretches of two seconds that want no more than what counts as its need. Two seconds, since a
 picture of signs takes a third of one, and not all cost the same."""
 FAIR = 0.98
 """What a task has to hit alone for its deadline to be fair."""
+SPARE = 0.5
+"""Part of its deadline within which it has to: what it just keeps alone, nobody keeps beside others."""
 LONGER = 2
 """How often a deadline may be doubled; a task that needs more is not able to do this story on this machine."""
 
@@ -103,10 +105,10 @@ def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 
 
 
 def deadline(own: float, ended: Sequence[Ended]) -> float:
-    """The task's own deadline, in seconds, doubled until what it does alone is in time, LONGER times at most."""
+    """The task's own deadline, in seconds, doubled until what it does alone has time to spare, LONGER times at most."""
     done = [one for one in ended if one.response is not None]
     for _ in range(LONGER if done else 0):
-        if solo(own, done) >= FAIR:
+        if solo(SPARE * own, done) >= FAIR:
             break
         own *= 2
     return own

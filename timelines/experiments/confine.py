@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -34,6 +34,23 @@ def confine(cgroups: Mapping[str, Contained], tasks: Collection[str], processors
         for thread in _threads(cgroups, tasks):
             with suppress(ProcessLookupError):  # it has ended
                 os.sched_setaffinity(thread, processors)
+
+
+@contextmanager
+def keep_off(processors: set[int]) -> Iterator[None]:
+    """Keep our own threads, which play and record, off these processors where there are others."""
+    allowed = os.sched_getaffinity(0)
+    _move(allowed - processors or allowed)
+    try:
+        yield
+    finally:
+        _move(allowed)
+
+
+def _move(processors: set[int]) -> None:
+    for path in Path("/proc/self/task").iterdir():
+        with suppress(ProcessLookupError):  # it has ended
+            os.sched_setaffinity(int(path.name), processors)
 
 
 def check(cgroups: Mapping[str, Contained], tasks: Collection[str], processors: set[int]) -> None:

@@ -132,7 +132,11 @@ class _Recording:
         processors = confine.first(capacity.processors)
         confine.confine(cgroups, self._tasks, processors)
         calm = wait_until_calm()
-        with slowed(capacity.pace, processors) as thieves, McapWriter(folder / MESSAGES) as file:
+        with (
+            confine.keep_off(processors),
+            slowed(capacity.pace, processors) as thieves,
+            McapWriter(folder / MESSAGES) as file,
+        ):
             parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
             with (
                 BusRecorder(self._viewer, file, cgroups, without_payload=self._source.recorded),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import subprocess
+import threading
 
 import pytest
 
 from timelines.demo.deploy import DeployError
-from timelines.experiments.confine import check, confine, first
+from timelines.experiments.confine import check, confine, first, keep_off
 
 
 class Container:
@@ -54,3 +55,19 @@ def test_so_is_one_of_the_control_whose_cpu_would_count_as_negative(task):
     confine(containers, ["slam"], first(1))
     with pytest.raises(DeployError, match="container of operator has ended"):
         check(containers, ["slam"], first(1))
+
+
+def test_what_plays_and_records_stays_away_from_the_tasks_where_there_is_room():
+    allowed, tasks, other = os.sched_getaffinity(0), first(1), threading.Event()
+    beside = threading.Thread(target=other.wait)
+    beside.start()
+    try:
+        with keep_off(tasks):
+            rest = allowed - tasks or allowed
+            assert os.sched_getaffinity(0) == os.sched_getaffinity(beside.native_id or 0) == rest
+        with keep_off(allowed):  # none is left
+            assert os.sched_getaffinity(0) == allowed
+        assert os.sched_getaffinity(beside.native_id or 0) == allowed
+    finally:
+        other.set()
+        beside.join()
