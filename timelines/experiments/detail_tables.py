@@ -38,9 +38,9 @@ def calibrated(frozen: Mapping[str, Any]) -> str:
         ]
         for task, cores in frozen["wanted"].items()
     ]
-    head = ["task", "cores wanted", "deadline", "kept alone", "static weight", "static weight, gated"]
+    head = ["task", "processors wanted", "deadline", "kept alone", "static weight", "static weight, gated"]
     needs = ", ".join(f"{context} {short(cores)}" for context, cores in frozen["needs"].items())
-    return f"{table(head, rows)}\nCores that critical and protected tasks want together, by context: {needs}.\n"
+    return f"{table(head, rows)}\nProcessors that critical and protected tasks want together, by context: {needs}.\n"
 
 
 def _weight(weights: Mapping[str, int], task: str) -> str:

@@ -65,8 +65,8 @@ class Preparation:
         loads = {load: calibration.of_load(load, every, cores) for load, every in runs.items()}
         asked = {load: calibration.asked(every, loads[load]) for load, every in runs.items()}
         shared = ", ".join(f"{name} {capacity}" for name, capacity in loads.items())
-        self._progress.say(f"wanted: {_words(wanted, 'cores')}; processors: {shared}")
-        self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'cores')}")
+        self._progress.say(f"wanted: {_words(wanted, 'processors')}; they get: {shared}")
+        self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'processors')}")
         slow = self._alone(Setting(loads[HEAVY], own), TUNING)
         self._keep("alone", [*alone, *papers, *slow])
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}

@@ -1,7 +1,7 @@
 """Processors of one speed: as slow as a board's, and the same beside whatever else the host runs.
 
 What makes them so is a thread of realtime priority on each (`thief`): it takes what a processor does beyond a pace, so
-that all else, the kubelet and our own measuring included, gets the rest. A core of a host that others share is now
+that all else, the kubelet included, gets the rest. A core of a host that others share is now
 half as fast as it was a second ago, and no comparison would survive that. A CPU quota would not do: within its period
 it lets work run at full speed and then stops it, and what takes less than the quota is not slowed at all. These
 threads compete with realtime tasks, which are not to be measured beside them.
@@ -75,7 +75,7 @@ def checked(lines: Sequence[Sequence[float]], pace: float) -> Pace:
     found = Pace(round(speed), round(fmean(left), 3), round(min(left), 3))
     if not ENOUGH <= found.left <= MOST or found.worst < WORST:
         said = f"{found.left:.0%} of their pace, and {found.worst:.0%} in their worst second"
-        raise SlowedError(f"the processors had {said}: expected at least {ENOUGH:.0%} and {WORST:.0%}")
+        raise SlowedError(f"the processors had {said}: expected {ENOUGH:.0%} to {MOST:.0%}, and at least {WORST:.0%}")
     return found
 
 

@@ -119,7 +119,7 @@ def test_a_node_on_which_everything_fails_ends_the_runs(tmp_path):
 
 
 def test_what_this_node_is_not_able_to_do_is_reported(monkeypatch, tmp_path):
-    monkeypatch.setattr(installation, "obstacle", lambda one, **_: "it can't" if one is WEIGHTS else "")
+    monkeypatch.setattr(installation, "obstacle", lambda one: "it can't" if one is WEIGHTS else "")
     lines = Lines()
     made = Campaign(Bench(tmp_path), {}, {}, lines)
     able = command._able(made, CHOSEN)
@@ -283,7 +283,7 @@ def test_loads_and_deadlines_follow_from_each_task_alone(monkeypatch, tmp_path):
     assert found["loads"] == {"light": (1, 0.25), "heavy": (1, 0.2), "paper": (1, 0.2)}  # 0.15 is 75 % of it
     assert found["asked"] == {"light": 0.7, "heavy": 0.87, "paper": 0.87}
     assert (found["deadlines"], found["solo"]) == ({"slam": 0.1, "speech": 1.0}, {"slam": 1.0, "speech": 1.0})
-    assert "wanted by critical and protected tasks: drive 0.15 cores, talk 0.025 cores" in lines.said
+    assert "wanted by critical and protected tasks: drive 0.15 processors, talk 0.025 processors" in lines.said
     write_frozen(tmp_path, found)
     assert settings(read_frozen(tmp_path))["heavy"].capacity == Capacity(1, 0.2)
 
