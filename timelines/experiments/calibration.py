@@ -32,6 +32,8 @@ no division can keep a goal, and nothing is learned from a miss; and beside othe
 NEARLY_ALL = 0.9
 """Part of a context's stretches of two seconds that want no more than what counts as its need. Two seconds, since a
 picture of signs takes a third of one, and not all cost the same."""
+SLIGHT = 0.1
+"""Part of a processor that is not worth another one, which would make all of them half as fast."""
 FAIR = 0.98
 """What a task has to hit alone for its deadline to be fair."""
 SPARE = 0.5
@@ -100,7 +102,7 @@ def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 
     It has room for `least`, what the neediest context's tasks want. All at full speed where the tasks want more.
     """
     needed = max(sum(wanted.values()) / LOADS[load], least / ROOM)
-    processors = min(max(math.ceil(needed), 1), cores)
+    processors = min(max(math.ceil(needed - SLIGHT), 1), cores)
     return Capacity(processors, round(min(1.0, max(SLOWEST, needed / processors)), 3))
 
 

@@ -23,6 +23,7 @@ from timelines.experiments.cpu_account import SLOWING, Account, machine_seconds
 from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
+from timelines.experiments.node_service import as_service
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.record import write_whole
 from timelines.experiments.slowed import slowed
@@ -134,6 +135,7 @@ class _Recording:
         calm = wait_until_calm()
         with (
             confine.keep_off(processors),
+            as_service(cgroups.values()),
             slowed(capacity.pace, processors) as thieves,
             McapWriter(folder / MESSAGES) as file,
         ):

@@ -149,7 +149,7 @@ def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
     scalers = {one["metadata"]["name"]: one["spec"] for one in autoscalers(MISSION, 2)}
     assert {one["updatePolicy"]["updateMode"] for one in scalers.values()} == {"InPlaceOrRecreate"}
     own, others = scalers["imu"]["resourcePolicy"]["containerPolicies"]
-    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "150m"}, {"cpu": "300m"})
+    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "250m"}, {"cpu": "300m"})
     assert others == {"containerName": "*", "mode": "Off"}
     slam, _ = scalers["slam"]["resourcePolicy"]["containerPolicies"]  # has no `min` of its own
     assert (slam["minAllowed"], slam["maxAllowed"]) == ({"cpu": "10m"}, {"cpu": "1050m"})

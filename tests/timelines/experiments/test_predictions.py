@@ -38,7 +38,7 @@ def test_on_slower_processors_the_same_input_takes_longer():
 
 def test_on_slower_processors_a_bound_is_a_larger_part_of_one():
     tasks = {task["name"]: task for task in bounds_of_slowed(POLICY, 0.25)["spec"]["tasks"]}
-    assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("600m", "1200m")
+    assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("1", "1200m")
     assert "min" not in tasks["slam"]
 
 

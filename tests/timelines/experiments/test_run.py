@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -70,6 +70,7 @@ def node(monkeypatch):
         monkeypatch.setattr(installation, "decide", lambda *_: None)
         monkeypatch.setattr(installation, "cgroups", lambda _: {})
         monkeypatch.setattr(run_module, "wait_until_calm", lambda: 0.1)
+        monkeypatch.setattr(run_module, "as_service", lambda _: nullcontext())
         monkeypatch.setattr(run_module, "slowed", at_pace)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
         running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, publish_runs=True)

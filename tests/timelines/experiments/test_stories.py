@@ -19,8 +19,8 @@ from timelines.scenarios.inputs import timeline
 from timelines.scenarios.scenario import load, shipped
 
 FROZEN = {
-    "delivery": "c2281894fccdf228ff8570f9083885d4117c6b9f7a2821709e59cdc23020f05e",
-    "inspection": "1754ecde9b71792228b855e4a06bc1a1933e7909829a2d6d78d1ea2d78bc4ad7",
+    "delivery": "eded11edc387e5468a815e31db32908997440ad83c3e5c40e3da31a7423bdd18",
+    "inspection": "1f6cc31a9e6f2572d42a62e3d3db5f2d527ebd0a533b2ca6ab3b133e1132c527",
 }
 OWN = (*TUNING, *HELD_OUT)
 
@@ -45,10 +45,10 @@ def test_every_scenario_is_a_story_and_the_papers_are_its_own():
 def test_stories_have_their_stated_length_and_sensor_rates(story):
     found = scenario(story)
     assert (found.name, found.duration) == (story.name, story.seconds)
-    assert (found.camera_rate, found.side_rate) == (10, 1)
+    assert (found.camera_rate, found.side_rate) == (20, 1)
     rates = {entry.key: entry.dataset_rate for entry in parse(timeline(found)).entries if entry.dataset}
     assert rates == {
-        "robot/camera/stereo": 10, "robot/camera/side": 1, "robot/camera/left": 1,
+        "robot/camera/stereo": 20, "robot/camera/side": 1, "robot/camera/left": 1,
         "robot/microphone": 10, "robot/imu/raw": 200,
     }  # fmt: skip
 
