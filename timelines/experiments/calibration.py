@@ -34,8 +34,9 @@ NEARLY_ALL = 0.9
 picture of signs takes a third of one, and not all cost the same."""
 SLIGHT = 0.1
 """Part of a processor that is not worth another one, which would make all of them half as fast."""
-FAIR = 0.98
-"""What a task has to hit alone for its deadline to be fair."""
+FAIR = 0.99
+"""What a task has to hit alone for its deadline to be fair: of the two points that a goal forgives, one at most is what
+is hard for it even alone."""
 SPARE = 0.5
 """Part of its deadline within which it has to: what it just keeps alone, nobody keeps beside others."""
 LONGER = 2
