@@ -33,7 +33,7 @@ NEARLY_ALL = 0.9
 """Part of a context's stretches of two seconds that want no more than what counts as its need. Two seconds, since a
 picture of signs takes a third of one, and not all cost the same."""
 SLIGHT = 0.1
-"""Part of a processor that is not worth another one, which would make all of them half as fast."""
+"""Part of a processor that is not worth another one: each of two would be half as fast."""
 FAIR = 0.99
 """What a task has to hit alone for its deadline to be fair: of the two points that a goal forgives, one at most is what
 is hard for it even alone."""

@@ -1,8 +1,8 @@
 """Gives what runs the node the weight of a service while tasks are measured.
 
-The node of the tests gives the API server, the kubelet and containerd eight times that, so that they answer while pods
-saturate it. On a robot systemd runs them, as a service like any other: there they can't push the tasks aside for a
-third of a second when a quota follows to the API.
+The tests' node gives the API server, the kubelet and containerd eight times that, so that they answer while pods
+saturate it; whenever a quota follows to the API, they then hold the tasks up for 0.1 to 0.4 s. On a robot systemd runs
+them, as a service like any other.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 from contextpolicy.agent import weight_units
 from timelines.demo.cgroup import ROOT
 from timelines.demo.deploy import DeployError
+from timelines.experiments.confine import Contained
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -23,19 +24,16 @@ SERVICE = {1: 1024, 2: 100}
 PROC = Path("/proc")
 
 
-class Contained(Protocol):
-    """A container, such as a `timelines.demo.cgroup.Cgroup`."""
+class Grouped(Contained, Protocol):
+    """A container that knows its cgroup hierarchy, such as a `timelines.demo.cgroup.Cgroup`."""
 
     @property
     def version(self) -> int:
-        """Of the cgroup hierarchy."""
-
-    def processes(self) -> list[int]:
-        """The ids of its processes."""
+        """Of the hierarchy."""
 
 
 @contextmanager
-def as_service(containers: Iterable[Contained], root: Path = ROOT, proc: Path = PROC) -> Iterator[None]:
+def as_service(containers: Iterable[Grouped], root: Path = ROOT, proc: Path = PROC) -> Iterator[None]:
     """Let the group that a container's shim is in, with all else that runs the node, weigh what a service does.
 
     DeployError if it is in no group of its own.
@@ -50,7 +48,7 @@ def as_service(containers: Iterable[Contained], root: Path = ROOT, proc: Path = 
         file.write_text(before, encoding="ascii")
 
 
-def _weight_file(container: Contained, root: Path, proc: Path) -> Path:
+def _weight_file(container: Grouped, root: Path, proc: Path) -> Path:
     """Where the weight is of the group of its shim: the first process above it that is not the container's own."""
     own = container.processes()
     above = own[0] if own else 0

@@ -35,11 +35,11 @@ THREATS = """\
 - Cores of a virtual server, kept at one speed by threads of realtime priority that take the rest of every 5 ms,
   whatever else their host runs: caches and memory are not a board's, nor kept, and CPU seconds count as work at that
   speed. A limit in CPU time is the looser, the faster the host is.
-- Camera rates, SLAM's queue, the IMU's `min`, the room for critical tasks and the rule for deadlines were chosen after
-  pilots on the tuning stories in which neither context weights nor searched static ones kept SLAM's deadlines: the
-  loads are ones that can be kept.
-- What runs the node weighs what a service does, and may run beside the tasks; what the operator costs there is in the
-  hit rates, but the rest of it mostly runs on processors that the tasks do not have.
+- Camera rates, SLAM's queue, the policy's `min` for the IMU and its priority for speech, the room for critical tasks
+  and the rule for deadlines were chosen after pilots on the tuning stories in which context weights missed SLAM's
+  deadlines: the loads are ones that can be kept.
+- The kubelet, the API server and the operator may run on any processor. Where that is not one of the tasks', what
+  control costs is not in the hit rates.
 - One machine, one kernel and one version of cgroups; the blocks ran within days of each other.
 - Ten blocks may have nothing of what fails in fewer than one of ten, and bootstrap intervals of three blocks (the
   paper's stories, adaptive modules) are narrower than 95 %.

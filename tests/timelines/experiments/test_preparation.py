@@ -53,6 +53,11 @@ def test_the_fewest_processors_are_slowed_until_the_tasks_want_what_a_load_says(
     assert capacity("heavy", {"slam": 0.1}, 2) == (1, 0.15)
 
 
+def test_a_tenth_of_a_processor_is_not_worth_another_one_of_half_the_speed():
+    assert capacity("heavy", {"slam": 1.5}, 2) == (1, 1.0)
+    assert capacity("heavy", {"slam": 1.6}, 2) == (2, 0.571)
+
+
 def test_no_context_wants_more_for_its_critical_and_the_protected_tasks_than_there_is():
     """Nobody's division could keep a goal there: rather a smaller load than one of which nothing can be learned."""
     wanted = {"slam": 0.2, "signs": 0.2}
@@ -89,6 +94,8 @@ def test_a_deadline_is_doubled_until_the_task_keeps_it_alone_with_time_to_spare(
     assert deadline(0.1, ended(0.04, 0.05)) == 0.1
     assert deadline(0.1, ended(0.04, 0.06)) == 0.2
     assert deadline(0.1, ended(0.04, 0.2)) == 0.4
+    assert deadline(0.1, ended(*[0.04] * 99, 0.06)) == 0.1
+    assert deadline(0.1, ended(*[0.04] * 98, 0.06, 0.06)) == 0.2  # as many as a goal forgives
     assert deadline(0.1, ended(9.0)) == 0.4  # twice at most: it fails alone, and the report says so
     assert deadline(0.1, [*ended(0.05), Ended(Ending.DROPPED)]) == 0.1  # a longer one would bring nothing back
     assert solo(0.1, [*ended(0.05, 0.3), Ended(Ending.DROPPED)]) == pytest.approx(1 / 3)
