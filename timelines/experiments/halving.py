@@ -1,13 +1,14 @@
 """Static weights tuned on the tuning stories: what the best user could have written without contexts. Pure, seeded.
 
-Successive halving (Karnin, Koren, Somekh 2013; the inner loop of Hyperband): sixteen sets of weights run the first
-story, the better half of them the second as well, and so on. The first four are what a user writes at once: equal
-weights, those by priority, by need, and by need with the protected tasks above all; equal weights and those
-by priority are never dropped, since a model or a lucky run may rank them too low. The rest is the fourth with each of
-its weights times a factor of its own, drawn log-uniformly: drawn from all there are, nearly every set would leave some
-task next to nothing, which is no opponent. A set is worth its worst context, where a context is worth the lowest hit
-rate among its critical task and the protected ones, in steps of half a point; then the mean of the contexts. The
-held-out stories take no part in it.
+Successive halving (Karnin, Koren, Somekh 2013; the inner loop of Hyperband): all sets of weights run the first story,
+the best eight of them the second as well, and so on. The first four are what a user writes at once: equal weights,
+those by priority, by need, and by need with the protected tasks above all; equal weights and those by priority are
+never dropped, since a model or a lucky run may rank them too low. Then comes the fourth with each of its weights times
+a factor of its own, drawn log-uniformly: drawn from all there are, nearly every set would leave some task next to
+nothing. Last comes what a user writes who knows the stories: equal weights, but next to nothing for the tasks that are
+never critical nor protected, and sets drawn around that. A set is worth its worst context, where a context is worth
+the lowest hit rate among its critical task and the protected ones, in steps of half a point; then the mean of the
+contexts. The held-out stories take no part in it.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from timelines.experiments.blocks import SEED
 from timelines.experiments.metrics import contexts
-from timelines.experiments.stories import PROTECTED
+from timelines.experiments.stories import CRITICAL, PROTECTED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from timelines.experiments.metrics import Run
 
-CANDIDATES = 16
+AROUND_NEED, AROUND_KNOWN = 12, 7
+"""How many sets are drawn around what the tasks need, and around what a user writes who knows the stories."""
 KEPT = (8, 4, 4)
 """How many go on after each story but the last."""
 ALWAYS = 2
@@ -55,19 +57,17 @@ class Tried(NamedTuple):
     weights: Weights
 
 
-def candidates(priorities: Mapping[str, float], wanted: Mapping[str, float], count: int = CANDIDATES) -> list[Weights]:
+def candidates(priorities: Mapping[str, float], wanted: Mapping[str, float]) -> list[Weights]:
     """What is tried: by `priorities` of the policy, and by the cores that each task wants."""
     numbers = random.Random(SEED)  # noqa: S311 - no secret
     by_need = _scaled({name: wanted.get(name, 0.0) for name in priorities})
-    found: list[Weights] = [
-        dict.fromkeys(priorities, 256),
-        _scaled(priorities),
-        by_need,
-        {name: 1024 if name in PROTECTED else weight for name, weight in by_need.items()},
+    safe = {name: 1024 if name in PROTECTED else weight for name, weight in by_need.items()}
+    known = {name: 1024 if name in {*CRITICAL.values(), *PROTECTED} else LEAST for name in priorities}
+    return [
+        *(dict.fromkeys(priorities, 256), _scaled(priorities), by_need, safe),
+        *_drawn(safe, AROUND_NEED, numbers),
+        *(known, *_drawn(known, AROUND_KNOWN, numbers)),
     ]
-    while len(found) < count:
-        found.append({name: _around(weight, numbers) for name, weight in found[3].items()})
-    return found[:count]
 
 
 def halved(tries: Sequence[Weights], stories: Sequence[str], run: Callable[[int, Weights, str], Run]) -> list[Tried]:
@@ -100,6 +100,10 @@ def _scaled(sizes: Mapping[str, float]) -> Weights:
     """In proportion, the largest a core's shares."""
     most = max(sizes.values()) or 1.0
     return {name: max(LEAST, round(1024 * size / most)) for name, size in sizes.items()}
+
+
+def _drawn(weights: Weights, count: int, numbers: random.Random) -> list[Weights]:
+    return [{name: _around(weight, numbers) for name, weight in weights.items()} for _ in range(count)]
 
 
 def _around(weight: int, numbers: random.Random) -> int:

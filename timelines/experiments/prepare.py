@@ -148,7 +148,7 @@ def settings(frozen: Frozen) -> dict[str, Setting]:
 
 def tuned_weights(frozen: Frozen) -> dict[bool, Weights]:
     """The searched weights without and with gating; those by priority where nothing was searched."""
-    by_priority = candidates(priorities(), {}, 2)[1]
+    by_priority = candidates(priorities(), {})[1]
     found = frozen.get("tuned", {})
     return {gated: found.get(name(gated=gated), {}).get("weights", by_priority) for gated in (False, True)}
 

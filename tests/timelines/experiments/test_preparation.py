@@ -10,7 +10,7 @@ from tests.timelines.experiments.made_up import ABOUT, SCHEDULE, a_run, at_speed
 from timelines.experiments.accounting import Ended, Ending
 from timelines.experiments.calibration import capacity, deadline, demand, neediest, solo
 from timelines.experiments.capacity import Capacity
-from timelines.experiments.halving import ALWAYS, CANDIDATES, LEAST, MOST, candidates, halved, score
+from timelines.experiments.halving import ALWAYS, AROUND_KNOWN, AROUND_NEED, LEAST, MOST, candidates, halved, score
 from timelines.experiments.metrics import Run
 from timelines.experiments.prepare import priorities
 from timelines.experiments.record import Column
@@ -103,7 +103,6 @@ def test_a_deadline_is_doubled_until_the_task_keeps_it_alone_with_time_to_spare(
 
 def test_what_a_user_writes_at_once_is_tried_first_and_the_rest_is_always_the_same():
     found = candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4})
-    assert len(found) == CANDIDATES
     assert found[0] == dict.fromkeys(PRIORITIES, 256)
     assert found[1] == {"slam": 307, "speech": 307, "navigation": 1024, "host": 102}
     assert found[2] == {"slam": 1024, "speech": 512, "navigation": LEAST, "host": LEAST}
@@ -116,16 +115,23 @@ def test_the_rest_is_drawn_around_what_the_tasks_need():
     """Sets that leave some task nothing are no opponent: each would fail in that task's context."""
     need = {"slam": 1024, "signs": 768, "speech": 192, "imu": 1024, "navigation": 1024, "arm": 48}
     wanted = {"slam": 0.2, "signs": 0.15, "speech": 0.0375, "imu": 0.08, "navigation": 0.01, "arm": 0.0094}
-    drawn = candidates(dict.fromkeys(need, 1.0), wanted)[4:]
+    drawn = candidates(dict.fromkeys(need, 1.0), wanted)[4 : 4 + AROUND_NEED]
     ratios = [weight / need[name] for one in drawn for name, weight in one.items()]
     assert 0.24 < min(ratios) < 0.5
     assert 2 < max(ratios) < 4.1
 
 
+def test_a_user_who_knows_the_stories_leaves_next_to_nothing_to_tasks_that_are_never_critical():
+    known, *drawn = candidates({"slam": 3.0, "speech": 30.0, "signs-left": 3.0}, {"slam": 0.4})[4 + AROUND_NEED :]
+    assert known == {"slam": 1024, "speech": 1024, "signs-left": LEAST}
+    assert len(drawn) == AROUND_KNOWN
+    assert all(one["signs-left"] < one["speech"] / 30 for one in drawn)
+
+
 def test_no_two_of_them_are_the_same_in_the_stories_own_policy():
     tries = candidates(priorities(), {"slam": 0.2, "signs": 0.18, "imu": 0.07, "speech": 0.02, "navigation": 0.01})
     shares = {tuple(round(weight / sum(one.values()), 3) for weight in one.values()) for one in tries}
-    assert len(shares) == CANDIDATES
+    assert len(shares) == len(tries)
 
 
 def test_weights_are_worth_their_worst_context():
@@ -134,7 +140,7 @@ def test_weights_are_worth_their_worst_context():
     assert found.contexts == pytest.approx((0.7 + 0.5) / 2)
 
 
-def test_half_go_on_after_each_story_and_the_simple_ones_always_do():
+def test_the_best_go_on_after_each_story_and_the_simple_ones_always_do():
     tries = candidates(PRIORITIES, {"slam": 1.0})
     played = []
 
@@ -146,7 +152,7 @@ def test_half_go_on_after_each_story_and_the_simple_ones_always_do():
 
     found = halved(tries, ["a", "b", "c", "d"], play)
     runs = {story: [number for name, number in played if name == story] for story in "abcd"}
-    assert [len(runs[story]) for story in "abcd"] == [16, 8 + ALWAYS, 4 + ALWAYS, 4 + ALWAYS]
+    assert [len(runs[story]) for story in "abcd"] == [len(tries), 8 + ALWAYS, 4 + ALWAYS, 4 + ALWAYS]
     assert {0, 1} <= set(runs["d"])
     assert found[0].weights == tries[9]
     assert found[0].stories == 4
