@@ -5,10 +5,11 @@ the best eight of them the second as well, and so on. The first four are what a 
 those by priority, by need, and by need with the protected tasks above all; equal weights and those by priority are
 never dropped, since a model or a lucky run may rank them too low. Then comes the fourth with each of its weights times
 a factor of its own, drawn log-uniformly: drawn from all there are, nearly every set would leave some task next to
-nothing. Last comes what a user writes who knows the stories: equal weights, but next to nothing for the tasks that are
-never critical nor protected, and sets drawn around that. A set is worth its worst context, where a context is worth
-the lowest hit rate among its critical task and the protected ones, in steps of half a point; then the mean of the
-contexts. The held-out stories take no part in it.
+nothing. Last come two that a user writes who knows the stories, with sets drawn around each: next to nothing for the
+tasks that are never critical nor protected, and for the others equal weights, or weights by their deadlines, as fixed
+priorities are given (deadline monotonic: Leung, Whitehead 1982). A set is worth its worst context, where a context is
+worth the lowest hit rate among its critical task and the protected ones, in steps of half a point; then the mean of
+the contexts. The held-out stories take no part in it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from timelines.experiments.metrics import Run
 
 AROUND_NEED, AROUND_KNOWN = 12, 7
-"""How many sets are drawn around what the tasks need, and around what a user writes who knows the stories."""
+"""How many sets are drawn around what the tasks need, and around each that a user writes who knows the stories."""
 KEPT = (8, 4, 4)
 """How many go on after each story but the last."""
 ALWAYS = 2
@@ -57,16 +58,22 @@ class Tried(NamedTuple):
     weights: Weights
 
 
-def candidates(priorities: Mapping[str, float], wanted: Mapping[str, float]) -> list[Weights]:
-    """What is tried: by `priorities` of the policy, and by the cores that each task wants."""
+def candidates(
+    priorities: Mapping[str, float], wanted: Mapping[str, float], deadlines: Mapping[str, float]
+) -> list[Weights]:
+    """What is tried: by `priorities` of the policy, by the cores that each task wants, and by deadlines in seconds."""
     numbers = random.Random(SEED)  # noqa: S311 - no secret
     by_need = _scaled({name: wanted.get(name, 0.0) for name in priorities})
     safe = {name: 1024 if name in PROTECTED else weight for name, weight in by_need.items()}
-    known = {name: 1024 if name in {*CRITICAL.values(), *PROTECTED} else LEAST for name in priorities}
+    matter = [name for name in priorities if name in {*CRITICAL.values(), *PROTECTED}]
+    least = dict.fromkeys(priorities, LEAST)
+    known = least | dict.fromkeys(matter, 1024)
+    by_deadline = least | _scaled({name: 1 / deadlines[name] for name in matter if name in deadlines})
     return [
         *(dict.fromkeys(priorities, 256), _scaled(priorities), by_need, safe),
         *_drawn(safe, AROUND_NEED, numbers),
         *(known, *_drawn(known, AROUND_KNOWN, numbers)),
+        *(by_deadline, *_drawn(by_deadline, AROUND_KNOWN, numbers)),
     ]
 
 
@@ -98,7 +105,7 @@ def score(runs: Sequence[Run]) -> Score:
 
 def _scaled(sizes: Mapping[str, float]) -> Weights:
     """In proportion, the largest a core's shares."""
-    most = max(sizes.values()) or 1.0
+    most = max(sizes.values(), default=0.0) or 1.0
     return {name: max(LEAST, round(1024 * size / most)) for name, size in sizes.items()}
 
 

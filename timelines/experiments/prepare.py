@@ -90,7 +90,7 @@ class Preparation:
             done.append(Run(self._bench.schedule(trial.story, setting.deadlines), record))
             return done[-1]
 
-        tries = candidates(priorities(), frozen["wanted"])
+        tries = candidates(priorities(), frozen["wanted"], frozen["deadlines"])
         found = halved(tries, [story.name for story in TUNING], run)
         self._keep(f"tuning-{name(gated=gated)}", done)
         for story in TUNING:
@@ -148,7 +148,7 @@ def settings(frozen: Frozen) -> dict[str, Setting]:
 
 def tuned_weights(frozen: Frozen) -> dict[bool, Weights]:
     """The searched weights without and with gating; those by priority where nothing was searched."""
-    by_priority = candidates(priorities(), {})[1]
+    by_priority = candidates(priorities(), {}, {})[1]
     found = frozen.get("tuned", {})
     return {gated: found.get(name(gated=gated), {}).get("weights", by_priority) for gated in (False, True)}
 

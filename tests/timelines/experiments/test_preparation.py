@@ -14,6 +14,7 @@ from timelines.experiments.halving import ALWAYS, AROUND_KNOWN, AROUND_NEED, LEA
 from timelines.experiments.metrics import Run
 from timelines.experiments.prepare import priorities
 from timelines.experiments.record import Column
+from timelines.experiments.workbench import own_deadlines
 
 PRIORITIES = {"slam": 3.0, "speech": 3.0, "navigation": 10.0, "host": 1.0}
 
@@ -102,12 +103,12 @@ def test_a_deadline_is_doubled_until_the_task_keeps_it_alone_with_time_to_spare(
 
 
 def test_what_a_user_writes_at_once_is_tried_first_and_the_rest_is_always_the_same():
-    found = candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4})
+    found = candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4}, {})
     assert found[0] == dict.fromkeys(PRIORITIES, 256)
     assert found[1] == {"slam": 307, "speech": 307, "navigation": 1024, "host": 102}
     assert found[2] == {"slam": 1024, "speech": 512, "navigation": LEAST, "host": LEAST}
     assert found[3] == {"slam": 1024, "speech": 512, "navigation": 1024, "host": LEAST}
-    assert candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4}) == found
+    assert candidates(PRIORITIES, {"slam": 0.8, "speech": 0.4}, {}) == found
     assert all(LEAST <= weight <= MOST for one in found for weight in one.values())
 
 
@@ -115,21 +116,27 @@ def test_the_rest_is_drawn_around_what_the_tasks_need():
     """Sets that leave some task nothing are no opponent: each would fail in that task's context."""
     need = {"slam": 1024, "signs": 768, "speech": 192, "imu": 1024, "navigation": 1024, "arm": 48}
     wanted = {"slam": 0.2, "signs": 0.15, "speech": 0.0375, "imu": 0.08, "navigation": 0.01, "arm": 0.0094}
-    drawn = candidates(dict.fromkeys(need, 1.0), wanted)[4 : 4 + AROUND_NEED]
+    drawn = candidates(dict.fromkeys(need, 1.0), wanted, {})[4 : 4 + AROUND_NEED]
     ratios = [weight / need[name] for one in drawn for name, weight in one.items()]
     assert 0.24 < min(ratios) < 0.5
     assert 2 < max(ratios) < 4.1
 
 
 def test_a_user_who_knows_the_stories_leaves_next_to_nothing_to_tasks_that_are_never_critical():
-    known, *drawn = candidates({"slam": 3.0, "speech": 30.0, "signs-left": 3.0}, {"slam": 0.4})[4 + AROUND_NEED :]
-    assert known == {"slam": 1024, "speech": 1024, "signs-left": LEAST}
-    assert len(drawn) == AROUND_KNOWN
-    assert all(one["signs-left"] < one["speech"] / 30 for one in drawn)
+    tasks, deadlines = (
+        ("imu", "slam", "signs", "signs-left"),
+        {"imu": 0.1, "slam": 0.2, "signs": 2.0, "signs-left": 2.0},
+    )
+    found = candidates(dict.fromkeys(deadlines, 1.0), {"slam": 0.4}, deadlines)[4 + AROUND_NEED :]
+    assert found[0] == {"imu": 1024, "slam": 1024, "signs": 1024, "signs-left": LEAST}
+    assert found[1 + AROUND_KNOWN] == {"imu": 1024, "slam": 512, "signs": 51, "signs-left": LEAST}
+    assert len(found) == 2 * (1 + AROUND_KNOWN)
+    assert all(one["signs-left"] < 10 < one["signs"] for one in found)
 
 
 def test_no_two_of_them_are_the_same_in_the_stories_own_policy():
-    tries = candidates(priorities(), {"slam": 0.2, "signs": 0.18, "imu": 0.07, "speech": 0.02, "navigation": 0.01})
+    wanted = {"slam": 0.2, "signs": 0.18, "imu": 0.07, "speech": 0.02, "navigation": 0.01}
+    tries = candidates(priorities(), wanted, own_deadlines())
     shares = {tuple(round(weight / sum(one.values()), 3) for weight in one.values()) for one in tries}
     assert len(shares) == len(tries)
 
@@ -141,7 +148,7 @@ def test_weights_are_worth_their_worst_context():
 
 
 def test_the_best_go_on_after_each_story_and_the_simple_ones_always_do():
-    tries = candidates(PRIORITIES, {"slam": 1.0})
+    tries = candidates(PRIORITIES, {"slam": 1.0}, {})
     played = []
 
     def play(number, weights, story):
