@@ -123,10 +123,7 @@ def test_the_rest_is_drawn_around_what_the_tasks_need():
 
 
 def test_a_user_who_knows_the_stories_leaves_next_to_nothing_to_tasks_that_are_never_critical():
-    tasks, deadlines = (
-        ("imu", "slam", "signs", "signs-left"),
-        {"imu": 0.1, "slam": 0.2, "signs": 2.0, "signs-left": 2.0},
-    )
+    deadlines = {"imu": 0.1, "slam": 0.2, "signs": 2.0, "signs-left": 2.0}
     found = candidates(dict.fromkeys(deadlines, 1.0), {"slam": 0.4}, deadlines)[4 + AROUND_NEED :]
     assert found[0] == {"imu": 1024, "slam": 1024, "signs": 1024, "signs-left": LEAST}
     assert found[1 + AROUND_KNOWN] == {"imu": 1024, "slam": 512, "signs": 51, "signs-left": LEAST}
