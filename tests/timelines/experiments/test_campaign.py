@@ -299,7 +299,7 @@ def test_the_runs_that_were_prepared_with_are_kept_as_well(monkeypatch, tmp_path
     alone = [Run(SCHEDULE, one) for one in records((kept / "alone.json.xz").read_bytes())]
     assert len(alone) == 9
     assert demand([one for one in alone if one.record.about["capacity"] == [2, 1.0]]) == pytest.approx(found["wanted"])
-    assert len(records((kept / "tuning-gated.json.xz").read_bytes())) == 16 + 8 + 4 + 4
+    assert len(records((kept / "tuning-gated.json.xz").read_bytes())) == 32 + 8 + 4 + 4
     assert Evidence.read(kept).schedules.keys() == {"errand", "tour", "workshop", "reception"}
     assert Evidence.read(tmp_path / "data").runs == {}
 
@@ -352,7 +352,7 @@ def test_preparation_goes_on_where_no_time_was_left(tmp_path):
         few.tuned(FOUND, gated=True)
     assert len(bench.done) == 5
     Preparation(bench, Lines(), lambda _: True).tuned(FOUND, gated=True)
-    assert len(bench.done) == 16 + 8 + 4 + 4  # none of them twice
+    assert len(bench.done) == 32 + 8 + 4 + 4  # none of them twice
 
 
 def test_a_call_that_ends_during_preparation_is_not_a_failure(monkeypatch, tmp_path, capsys):
