@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from timelines.experiments.configurations import ALONE
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from timelines.experiments.stories import Story
 
 BLOCKS, SCHEDULES, FROZEN, ABSENT = "blocks", "schedules", "frozen.json", "not-run.json"
+PREPARED = "preparation"
+"""Folder of the runs that findings follow from, beside the blocks, which have the figures."""
+SEARCHES, SEARCH = ("ungated", "gated"), "tuning-"
+"""The searches of static weights, and how their files' names begin."""
 ENDING = ".json.xz"
 
 
@@ -36,13 +40,15 @@ class Absent(NamedTuple):
 class Evidence:
     """`runs` are by load, story and configuration, then by block; `frozen` is what was calibrated before them.
 
-    `absent` are runs that were wanted and could not be done.
+    `absent` are runs that were wanted and could not be done; `searched` are those of all static weights that were
+    tried, by the name of their search.
     """
 
     schedules: Mapping[str, Schedule]
     runs: Mapping[tuple[str, str, str], Mapping[int, Record]]
     frozen: Mapping[str, Any]
     absent: Sequence[Absent] = ()
+    searched: Mapping[str, Sequence[Run]] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: Path) -> Evidence:
@@ -56,6 +62,7 @@ class Evidence:
             found,
             read_frozen(folder),
             [one for one in read_absent(folder) if one.block not in found.get(one[:3], {})],
+            {name: read_search(folder, name) for name in SEARCHES},
         )
 
     def of(self, load: str, story: str, configuration: str) -> list[Run]:
@@ -100,6 +107,15 @@ def note_absent(folder: Path, cells: Iterable[tuple[str, str, str, int]], reason
     known = {one[:4]: one.reason for one in read_absent(folder)} | dict.fromkeys(cells, reason)
     lines = ",\n".join(f" {json.dumps([*cell, why])}" for cell, why in sorted(known.items()))
     write_whole(folder / ABSENT, f"[\n{lines}\n]\n".encode())
+
+
+def read_search(folder: Path, name: str) -> list[Run]:
+    """All runs of a search of static weights; none before."""
+    prepared = folder / PREPARED
+    path = prepared / f"{SEARCH}{name}{ENDING}"
+    every = records(path.read_bytes()) if path.exists() else []
+    due = {path.name.removesuffix(ENDING): read_schedule(path) for path in _schedules(prepared)}
+    return [Run(due[one.story], one) for one in every]
 
 
 def read_schedule(path: Path) -> Schedule:

@@ -17,6 +17,7 @@ from contextpolicy.explain.palette import task_colors
 from contextpolicy.simulation.drawing import INK, STYLE, draw_shares, name_ends
 from timelines.experiments import rates, tables
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX_GATED, STATIC_GATED, WEIGHTS_GATED
+from timelines.experiments.stories import CRITICAL
 from timelines.experiments.tasks import TASKS
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 WIDTH, ROW, PANEL = 9.0, 0.3, 2.4
 """Inches: a picture's width, the heights of a configuration's row and of a panel of curves."""
 OTHERS = "#9aa3ad"
+RIVALS = ("drive", "read")
+"""The contexts whose critical tasks want most: both can't be kept at a time."""
 COMPARED = {LINUX_GATED.name: (OTHERS, 1.0), STATIC_GATED.name: (INK, 1.0), WEIGHTS_GATED.name: (None, 2.0)}
 """The colour and width of each configuration's response times; None is the task's colour."""
 
@@ -106,6 +109,38 @@ def _deadline(panel: Any, seconds: float | None) -> None:
         panel.axvline(1000 * seconds, color=INK, linewidth=0.8)
         words, place = f"deadline {1000 * seconds:g} ms", (1000 * seconds, 3)
         panel.annotate(words, place, (3, 0), textcoords="offset points", fontsize=7)
+
+
+def draw_rivals(evidence: Evidence, path: Path) -> bool:
+    """What static weights can do for one critical task, and what that leaves to another; a point for each set."""
+    found = {name: _first_story(runs) for name, runs in evidence.searched.items() if runs}
+    if not found:
+        return False
+    with _figure(PANEL * 1.4, "All static weights that were searched, on the first tuning story", path) as figure:
+        panels: Any = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+        for panel, (name, runs) in zip(panels, found.items(), strict=True):
+            _trade(panel, runs)
+            panel.set_title(name, fontsize=9)
+        panels[0].set_ylabel(_in_time(RIVALS[1]))
+    return True
+
+
+def _first_story(runs: Sequence[Run]) -> list[Run]:
+    """Those of the story that all sets of weights ran."""
+    return [run for run in runs if run.record.story == runs[0].record.story]
+
+
+def _trade(panel: Any, runs: Sequence[Run]) -> None:
+    one, other = ([100 * run.tally(CRITICAL[context], context).hit for run in runs] for context in RIVALS)
+    panel.plot(one, other, "o", color=OTHERS, markeredgecolor=INK, markersize=6, alpha=0.8)
+    panel.set_xlim(-3, 103)
+    panel.set_ylim(-3, 103)
+    panel.set_xlabel(_in_time(RIVALS[0]))
+    _plain(panel, "both")
+
+
+def _in_time(context: str) -> str:
+    return f"{context}: {CRITICAL[context]}, % in time"
 
 
 def draw_speedups(evidence: Evidence, path: Path) -> bool:

@@ -10,7 +10,7 @@ from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial, seconds_left
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
-from timelines.experiments.evidence import ENDING, write_schedule
+from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
 from timelines.experiments.halving import candidates, halved
 from timelines.experiments.metrics import Run
 from timelines.experiments.predictions import predict
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     Frozen = Mapping[str, Any]
 
-KEPT = "preparation"
-"""Folder of the runs that findings follow from, beside the blocks, which have the figures."""
 MIDDLE = "exp2"
 """The paper's story of which it is measured what its tasks want."""
 UNCALIBRATED: Mapping[str, Capacity] = {
@@ -92,9 +90,11 @@ class Preparation:
 
         tries = candidates(priorities(), frozen["wanted"], frozen["deadlines"])
         found = halved(tries, [story.name for story in TUNING], run)
-        self._keep(f"tuning-{name(gated=gated)}", done)
+        self._keep(f"{SEARCH}{name(gated=gated)}", done)
         for story in TUNING:
-            write_schedule(self._bench.folders.data / KEPT, story.name, self._bench.schedule(story, setting.deadlines))
+            write_schedule(
+                self._bench.folders.data / PREPARED, story.name, self._bench.schedule(story, setting.deadlines)
+            )
         return {"weights": found[0].weights, "tried": [list(one) for one in found]}
 
     def predicted(self, frozen: Frozen) -> dict[str, Any]:
@@ -125,7 +125,7 @@ class Preparation:
         return found
 
     def _keep(self, what: str, runs: Iterable[Run]) -> None:
-        path = self._bench.folders.data / KEPT / f"{what}{ENDING}"
+        path = self._bench.folders.data / PREPARED / f"{what}{ENDING}"
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, block(run.record for run in runs))
 
@@ -155,7 +155,7 @@ def tuned_weights(frozen: Frozen) -> dict[bool, Weights]:
 
 def name(*, gated: bool) -> str:
     """Under which name searched weights are frozen."""
-    return "gated" if gated else "ungated"
+    return SEARCHES[gated]
 
 
 def priorities() -> dict[str, float]:

@@ -53,6 +53,10 @@ THREATS = """\
 - A VerticalPodAutoscaler decides about once a minute, and a story takes no longer.
 - Weights were tuned on stories of the same kind as those that are held out.
 """
+RIVALRY = """\
+Each point is one set of weights that the search for static ones tried, on its first story. What is best for one task
+leaves the other without; a point at the top right would make contexts needless.
+"""
 REPEAT = """\
     make experiments                                             # all of it; goes on where it stopped
     python -m timelines.experiments --report-only                # every figure here, from the committed data
@@ -169,6 +173,10 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
         yield "![Hit rates of the critical tasks by configuration, heavy load](figures/factors-heavy.svg)\n"
     if pictures.draw_responses(evidence, HEAVY, figures / "responses.svg"):
         yield "![Response times of the critical tasks as cumulated parts of what was due](figures/responses.svg)\n"
+    if pictures.draw_rivals(evidence, figures / "static.svg"):
+        yield "## What static weights can't do\n"
+        yield RIVALRY
+        yield "![Signs in time while reading against SLAM while driving, by set of weights](figures/static.svg)\n"
     chains = tables.chains(evidence, HEAVY)
     if chains:
         yield "## From the camera, and from a word, to the wheels; heavy load\n"

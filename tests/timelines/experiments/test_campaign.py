@@ -267,7 +267,7 @@ class Anywhere(Bench):
 
     def _do(self, place, trial, setting, weights):
         super()._do(place, trial, setting, weights)
-        record = a_run(trial.configuration.name, block=trial.block)
+        record = a_run(trial.configuration.name, story=trial.story.name, block=trial.block)
         kept = replace(record, about={**record.about, "capacity": list(setting.capacity)})
         self._file(place, trial).write_bytes(packed(kept.as_json()))
 
@@ -301,7 +301,10 @@ def test_the_runs_that_were_prepared_with_are_kept_as_well(monkeypatch, tmp_path
     assert demand([one for one in alone if one.record.about["capacity"] == [2, 1.0]]) == pytest.approx(found["wanted"])
     assert len(records((kept / "tuning-gated.json.xz").read_bytes())) == 32 + 8 + 4 + 4
     assert Evidence.read(kept).schedules.keys() == {"errand", "tour", "workshop", "reception"}
-    assert Evidence.read(tmp_path / "data").runs == {}
+    found_again = Evidence.read(tmp_path / "data")
+    assert found_again.runs == {}
+    assert len(found_again.searched["gated"]) == 32 + 8 + 4 + 4
+    assert found_again.searched["ungated"] == []
 
 
 class Prepares(Preparation):

@@ -95,6 +95,16 @@ def test_pictures_have_whole_lines_with_their_names_beside_them(out):
     assert ">drive: slam</text>" in drawn["factors-heavy.svg"]
 
 
+def test_each_set_of_static_weights_is_a_point_where_one_task_is_drawn_against_another(tmp_path):
+    """The committed ones: of every set the story that all ran."""
+    searched = {name: Evidence.read(DATA).searched[name] for name in ("ungated", "gated")}
+    text = write_report(replace(evidence(*some_runs()), searched=searched), tmp_path).read_text(encoding="utf-8")
+    assert "(figures/static.svg)" in text
+    drawn = (tmp_path / "figures" / "static.svg").read_text(encoding="utf-8")
+    marks = drawn.count("<use ") - drawn.count('<g id="xtick') - drawn.count('<g id="ytick')
+    assert marks == sum(run.record.story == "errand" for runs in searched.values() for run in runs)
+
+
 def test_a_quick_look_says_that_nothing_was_calibrated(tmp_path):
     path = write_report(evidence(a_run("linux")), tmp_path)
     assert "a quick look" in path.read_text(encoding="utf-8")
