@@ -31,7 +31,7 @@ WIDTH, ROW, PANEL = 9.0, 0.3, 2.4
 """Inches: a picture's width, the heights of a configuration's row and of a panel of curves."""
 OTHERS = "#9aa3ad"
 RIVALS = ("drive", "read")
-"""The contexts whose critical tasks want most: both can't be kept at a time."""
+"""The two contexts whose critical tasks want most."""
 COMPARED = {LINUX_GATED.name: (OTHERS, 1.0), STATIC_GATED.name: (INK, 1.0), WEIGHTS_GATED.name: (None, 2.0)}
 """The colour and width of each configuration's response times; None is the task's colour."""
 

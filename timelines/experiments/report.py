@@ -32,9 +32,10 @@ intervals over runs or blocks; p is of an exact sign-flip test over blocks, by H
 THREATS = """\
 - The stories are invented, and the recordings rendered or synthesised: they show how CPU is divided, not how well this
   robot would do in a building.
-- Cores of a virtual server, kept at one speed by threads of realtime priority that take the rest of every 5 ms,
-  whatever else their host runs: caches and memory are not a board's, nor kept, and CPU seconds count as work at that
-  speed. A limit in CPU time is the looser, the faster the host is.
+- Cores of a virtual server, kept at one speed by threads of realtime priority that take the rest of every 5 ms. That
+  speed is of a small loop: caches and memory are not a board's, nor kept, and where the loop is faster the tasks gain
+  less, so they ask for more than was calibrated. CPU seconds count as work at the loop's speed. A limit in CPU time is
+  the looser, the faster the host is.
 - Camera rates, SLAM's queue, the policy's `min` for the IMU and its priority for speech, the room for critical tasks
   and the rule for deadlines were chosen after pilots on the tuning stories in which context weights missed SLAM's
   deadlines: the loads are ones that can be kept.
@@ -54,8 +55,8 @@ THREATS = """\
 - Weights were tuned on stories of the same kind as those that are held out.
 """
 RIVALRY = """\
-Each point is one set of weights that the search for static ones tried, on its first story. What is best for one task
-leaves the other without; a point at the top right would make contexts needless.
+Each point is one set of weights that the search for static ones tried, on its first story, once. A set that keeps both
+tasks is at the top right; where there is one, contexts are not needed.
 """
 REPEAT = """\
     make experiments                                             # all of it; goes on where it stopped
@@ -174,7 +175,7 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
     if pictures.draw_responses(evidence, HEAVY, figures / "responses.svg"):
         yield "![Response times of the critical tasks as cumulated parts of what was due](figures/responses.svg)\n"
     if pictures.draw_rivals(evidence, figures / "static.svg"):
-        yield "## What static weights can't do\n"
+        yield "## What static weights do for two tasks\n"
         yield RIVALRY
         yield "![Signs in time while reading against SLAM while driving, by set of weights](figures/static.svg)\n"
     chains = tables.chains(evidence, HEAVY)

@@ -1,4 +1,4 @@
-"""Processors of one speed: as slow as a board's, and the same beside whatever else the host runs.
+"""Processors of one speed, as slow as a board's, beside whatever else the host runs.
 
 What makes them so is a thread of realtime priority on each (`thief`): it takes what a processor does beyond a pace, so
 that all else, the kubelet included, gets the rest. A core of a host that others share is now
