@@ -76,18 +76,20 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:
     """Run what is missing; False if a configuration had to be given up."""
     data, until = bench.folders.data, _until(options.minutes)
     frozen = dict(read_frozen(DATA if quick else data))
-    if not quick:
-        try:
-            _prepare(Preparation(bench, Lines(), until), frozen, data, lambda what: _frozen(data, what, options))
-        except OutOfTimeError:
-            Lines().say("not all is prepared: the same command goes on with it")
-            return True
-    elif frozen:
-        write_frozen(data, frozen)
-    found = settings(frozen)
     chosen = list(trials(stories=options.stories, only=options.only, loads=options.loads, most=options.blocks))
-    campaign = Campaign(bench, found, tuned_weights(frozen), Lines())
-    able = _able(campaign, chosen)
+    try:
+        preparation = Preparation(bench, Lines(), until)
+        if not quick:
+            _prepare(preparation, frozen, data, lambda what: _frozen(data, what, options))
+        elif frozen:
+            write_frozen(data, frozen)
+        campaign = Campaign(bench, settings(frozen), tuned_weights(frozen), Lines())
+        able = _able(campaign, chosen)
+        if not quick and campaign.missing(able):
+            preparation.measured(frozen)
+    except OutOfTimeError:
+        Lines().say("not all is prepared: the same command goes on with it")
+        return True
     left = campaign.run(able, until=until, commit=options.commit)
     if left:
         Lines().say(f"{left} runs are left: run the same command again to continue")

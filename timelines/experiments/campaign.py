@@ -54,6 +54,10 @@ class Campaign:
         """Whether a configuration was given up."""
         return bool(self._given_up)
 
+    def missing(self, trials: Sequence[Trial]) -> list[Trial]:
+        """Those of these runs that are not done yet."""
+        return [trial for trial in trials if not self._has(trial)]
+
     def leave_out(self, trials: Sequence[Trial], reason: str) -> None:
         """Report that these runs, all of one configuration under one load, can't be done."""
         first = trials[0]
@@ -67,7 +71,7 @@ class Campaign:
         configuration that fails is left out, so that the others are measured.
         """
         self._keep_what_is_due(trials)
-        missing = [trial for trial in trials if not self._has(trial)]
+        missing = self.missing(trials)
         if trials and not missing:
             folders = self._bench.folders
             self._progress.say(f"all runs are done: delete {folders.raw} and {folders.data} to start over")

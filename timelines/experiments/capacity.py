@@ -6,9 +6,13 @@ many slow ones, on which the heaviest task would fail alone. All else may run on
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import copy
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.policy.quantities import format_cpu, parse_cpu
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 STEP = 10
 """Thousandths of a core, in which a policy divides."""
@@ -17,10 +21,9 @@ KUBERNETES = 200
 
 
 WHOLE = 430_000.0
-"""What counts as a whole processor, in turns a second of the loop in `thief`, by Python 3.11: a little less than a
-thread of an EPYC at 2.4 GHz does while another one keeps the same core busy, and half of what it does without. Tasks
-do not get faster as the loop does: on a machine 1.5 times as fast they took 1.26 times as many turns for the same
-inputs. So a load holds only near the speed at which it was calibrated."""
+"""What counts as a whole processor, in turns a second of the loop in `thief`, by Python 3.11, on the machine of the
+calibration: a little less than a thread of an EPYC at 2.4 GHz does while another one keeps the same core busy. On
+others it is as many as the tasks take there for the same inputs (see `machine`)."""
 
 
 class Capacity(NamedTuple):
@@ -28,11 +31,6 @@ class Capacity(NamedTuple):
 
     processors: int
     part: float
-
-    @property
-    def pace(self) -> float:
-        """What each processor does, in turns a second."""
-        return self.part * WHOLE
 
     def __str__(self) -> str:
         return f"{self.processors} x {self.part:g}"
@@ -42,8 +40,19 @@ class Capacity(NamedTuple):
         """For folders."""
         return f"{self.processors}x{self.part:g}"
 
-    def reserve(self, cores: int) -> str:
-        """What a policy must not divide on a node with so many cores: CPU that the tasks can't have."""
+    def reserve(self, cores: int, speed: float) -> str:
+        """What a policy must not divide on a node with so many cores: CPU time that the tasks can't have.
+
+        `speed` is what a processor does undisturbed, in whole ones.
+        """
         there = self.processors * self.part * 1000
         beside = KUBERNETES * self.part if self.processors == cores else 0.0
-        return format_cpu(cores * 1000 - int((there - beside) // STEP * STEP))
+        return format_cpu(cores * 1000 - int((there - beside) / speed // STEP * STEP))
+
+
+def in_cpu_time(policy: Mapping[str, Any], speed: float) -> dict[str, Any]:
+    """A policy whose bounds, written in whole processors, are CPU time of processors that do so many whole ones."""
+    changed = copy.deepcopy(dict(policy))
+    for task in changed["spec"]["tasks"]:
+        task |= {bound: format_cpu(round(parse_cpu(task[bound]) / speed)) for bound in ("min", "max") if bound in task}
+    return changed

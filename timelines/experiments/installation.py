@@ -10,6 +10,7 @@ import yaml
 
 from timelines.demo import bus, cgroup, deploy
 from timelines.experiments import gate
+from timelines.experiments.capacity import in_cpu_time
 from timelines.experiments.configurations import autoscalers
 from timelines.experiments.tasks import SECOND, module
 
@@ -90,21 +91,29 @@ def install(configuration: Configuration) -> None:
     deploy.install_operator(*settings, closed=True)
 
 
-def start_robot(trial: Trial, weights: Mapping[str, int], folder: Path) -> None:
-    """Restart the robot's modules, without any state; values are kept in `folder`."""
+def start_robot(trial: Trial, weights: Mapping[str, int], speed: float, folder: Path) -> None:
+    """Restart the robot's modules, without any state; values are kept in `folder`.
+
+    `speed` is what a processor does, in whole ones.
+    """
     stop_robot()
     document, own = policy_document(trial.story), folder / "values.yaml"
     own.write_text(yaml.safe_dump(values(trial, document, cores(), weights)), encoding="utf-8")
     deploy.install_robot(deploy.VALUES, own, closed=True)
     if trial.configuration.autoscaled:
         path = folder / "autoscalers.yaml"
-        path.write_text(yaml.safe_dump_all(autoscalers(document, cores())), encoding="utf-8")
+        bounded = in_cpu_time(document, speed)
+        path.write_text(yaml.safe_dump_all(autoscalers(bounded, cores())), encoding="utf-8")
         deploy.run("kubectl", "apply", "-f", str(path))
 
 
-def decide(trial: Trial, capacity: Capacity, folder: Path) -> None:
-    """Apply the configuration's policy, if there is one, and wait until its decisions are in force."""
-    variant = trial.configuration.variant(policy_document(trial.story), capacity.reserve(cores()))
+def decide(trial: Trial, capacity: Capacity, speed: float, folder: Path) -> None:
+    """Apply the configuration's policy, if there is one, and wait until its decisions are in force.
+
+    `speed` is what a processor does, in whole ones: a policy divides CPU time.
+    """
+    document = in_cpu_time(policy_document(trial.story), speed)
+    variant = trial.configuration.variant(document, capacity.reserve(cores(), speed))
     if variant is None:
         return
     path = folder / "policy.yaml"

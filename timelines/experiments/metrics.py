@@ -56,7 +56,12 @@ class Run:
     @property
     def speed(self) -> float:
         """How fast its processors were, as a multiple of a whole one: CPU seconds count as so many of that."""
-        return float(self.record.about["pace"]["speed"]) / WHOLE
+        return float(self.record.about["pace"]["speed"]) / self.whole
+
+    @property
+    def whole(self) -> float:
+        """What counted as a whole processor on its machine, in turns a second."""
+        return float(self.record.about.get("whole", WHOLE))
 
     def ended(self, task: str) -> list[Ended]:
         """How all of a task's inputs ended."""

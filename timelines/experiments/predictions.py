@@ -7,16 +7,15 @@ Linux default.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.policy.parsing import parse
-from contextpolicy.policy.quantities import format_cpu, parse_cpu
 from contextpolicy.simulation.forecast import ALL, forecast
 from contextpolicy.simulation.profiles import Profiles, parse_profiles
 from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
+from timelines.experiments.capacity import in_cpu_time
 from timelines.experiments.configurations import LIMITS, LIMITS_GATED, WEIGHTS, WEIGHTS_GATED
 
 if TYPE_CHECKING:
@@ -47,20 +46,15 @@ def slowed_down(profiles: Profiles, part: float) -> Profiles:
     )
 
 
-def bounds_of_slowed(policy: Mapping[str, Any], part: float) -> dict[str, Any]:
-    """A policy with bounds that are the same part of a whole processor as its own are of a slowed one."""
-    changed = copy.deepcopy(dict(policy))
-    for task in changed["spec"]["tasks"]:
-        task |= {bound: format_cpu(round(parse_cpu(task[bound]) / part)) for bound in ("min", "max") if bound in task}
-    return changed
-
-
 def predict(
-    policy: Mapping[str, Any], timeline: Timeline, measured: Mapping[str, Any], capacity: Capacity
+    policy: Mapping[str, Any], timeline: Timeline, measured: Mapping[str, Any], capacity: Capacity, speed: float = 1.0
 ) -> dict[str, dict[str, float]]:
-    """The part of each task's inputs that is late or dropped, by configuration; `measured` is a file of profiles."""
-    profiles, until = slowed_down(parse_profiles(measured), capacity.part), timeline.duration + TAIL
-    slowed = bounds_of_slowed(policy, capacity.part)
+    """The part of each task's inputs that is late or dropped, by configuration.
+
+    `measured` is a file of profiles, whose CPU time is of processors that did so many whole ones (`speed`).
+    """
+    profiles, until = slowed_down(parse_profiles(measured), capacity.part / speed), timeline.duration + TAIL
+    slowed = in_cpu_time(policy, capacity.part)
     found = {}
     for one in PREDICTED:
         resource = one.variant(slowed, "0")

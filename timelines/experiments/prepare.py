@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial, seconds_left
-from timelines.experiments.capacity import Capacity
+from timelines.experiments.capacity import WHOLE, Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
 from timelines.experiments.halving import candidates, halved
+from timelines.experiments.machine import whole_here
 from timelines.experiments.metrics import Run
 from timelines.experiments.predictions import predict
-from timelines.experiments.record import block, write_whole
+from timelines.experiments.record import RecordError, block, records, write_whole
 from timelines.experiments.stories import HELD_OUT, STORIES, TUNING
 from timelines.experiments.workbench import Setting, own_deadlines
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
     Frozen = Mapping[str, Any]
 
+CALIBRATION = "alone"
+"""File of the calibration's runs, which are of each task alone."""
 MIDDLE = "exp2"
 """The paper's story of which it is measured what its tasks want."""
 UNCALIBRATED: Mapping[str, Capacity] = {
@@ -51,6 +54,7 @@ class Preparation:
 
     def __init__(self, bench: Workbench, progress: Progress, until: Callable[[float], bool]) -> None:
         self._bench, self._progress, self._until = bench, progress, until
+        self._measured: tuple[str, Run] | None = None
 
     def calibrated(self) -> dict[str, Any]:
         """What the tasks share under each load, and deadlines that each task keeps alone."""
@@ -66,7 +70,7 @@ class Preparation:
         self._progress.say(f"wanted: {_words(wanted, 'processors')}; they get: {shared}")
         self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'processors')}")
         slow = self._alone(Setting(loads[HEAVY], own), TUNING)
-        self._keep("alone", [*alone, *papers, *slow])
+        self._keep(CALIBRATION, [*alone, *papers, *slow])
         ended = {task: [end for run in slow for end in run.ended(task)] for task in own}
         deadlines = {task: calibration.deadline(own[task], ended[task]) for task in own}
         solo = {task: calibration.solo(deadlines[task], ended[task]) for task in own}
@@ -75,8 +79,29 @@ class Preparation:
         found = {"wanted": wanted, "needs": needs, "loads": loads, "asked": asked}
         return {"date": date, **found, "deadlines": deadlines, "solo": solo}
 
+    def measured(self, frozen: Frozen) -> tuple[str, Run]:
+        """Measure, once, what counts as a whole processor here; each task alone on such ones, and where that run is."""
+        if self._measured is None:
+            setting = settings(frozen)[HEAVY]
+            runs: dict[str, Run] = {}
+            began = f"{dt.datetime.now(tz=dt.UTC):%Y%m%d-%H%M%S}"
+
+            def play(whole: float) -> Run:
+                self._bench.whole = whole
+                place = f"machine/{began}-{len(runs) + 1}"
+                runs[place] = self._each_alone(setting, TUNING[0], place)
+                return runs[place]
+
+            whole = whole_here(self._reference(setting), play)
+            times = f"{whole / WHOLE:.2f} times the calibration's"
+            self._progress.say(f"here a whole processor is {whole:.0f} turns a second, {times}")
+            self._keep(f"machine-{began}", runs.values())
+            self._measured = list(runs.items())[-1]
+        return self._measured
+
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
         """The static weights that the search found, and what it tried."""
+        self.measured(frozen)
         setting = settings(frozen)[HEAVY]
         configuration = STATIC_GATED if gated else STATIC
         done: list[Run] = []
@@ -99,30 +124,29 @@ class Preparation:
 
     def predicted(self, frozen: Frozen) -> dict[str, Any]:
         """What is predicted of each held-out story, and the profiles that this is computed from."""
-        setting, trial = settings(frozen)[HEAVY], Trial(HEAVY, TUNING[0], ALONE, 0, 0)
-        capacity, place = setting.capacity, _place(setting.capacity)
-        record = self._record(place, trial, setting, {})  # it may be gone, as after a new checkout
-        run, profiles = (
-            Run(self._bench.schedule(trial.story, setting.deadlines), record),
-            self._bench.profiles(place, trial),
-        )
-        left = Capacity(capacity.processors, capacity.part / run.speed)  # of processors as fast as they were then
-        misses = {
-            story.name: predict(
-                installation.policy_document(story), load(self._bench.folders.timeline(story)), profiles, left
-            )
-            for story in HELD_OUT
-        }
+        place, run = self.measured(frozen)
+        profiles, capacity = self._bench.profiles(place, _alone(TUNING[0])), settings(frozen)[HEAVY].capacity
+        misses = {}
+        for story in HELD_OUT:
+            policy, timeline = installation.policy_document(story), load(self._bench.folders.timeline(story))
+            misses[story.name] = predict(policy, timeline, profiles, capacity, run.speed)
         return {"misses": misses, "profiles": profiles}
 
     def _alone(self, setting: Setting, stories: Sequence[Story]) -> list[Run]:
-        found = []
-        for story in stories:
-            self._progress.say(f"each task alone on {setting.capacity} processors: {story.name}")
-            trial = Trial(HEAVY, story, ALONE, 0, 0)
-            record = self._record(_place(setting.capacity), trial, setting, {})
-            found.append(Run(self._bench.schedule(story, setting.deadlines), record))
-        return found
+        return [self._each_alone(setting, story, f"calibration/{setting.capacity.name}") for story in stories]
+
+    def _each_alone(self, setting: Setting, story: Story, place: str) -> Run:
+        self._progress.say(f"each task alone on {setting.capacity} processors: {story.name}")
+        record = self._record(place, _alone(story), setting, {})
+        return Run(self._bench.schedule(story, setting.deadlines), record)
+
+    def _reference(self, setting: Setting) -> Run:
+        """The calibration's run of the story that machines are compared by; RecordError where its file has none."""
+        path = self._bench.folders.data / PREPARED / f"{CALIBRATION}{ENDING}"
+        for one in records(path.read_bytes()) if path.exists() else ():
+            if one.story == TUNING[0].name and Capacity(*one.about["capacity"]) == setting.capacity:
+                return Run(self._bench.schedule(TUNING[0], setting.deadlines), one)
+        raise RecordError(f"{path}: no run of {TUNING[0].name} on {setting.capacity}: calibrate again")
 
     def _keep(self, what: str, runs: Iterable[Run]) -> None:
         path = self._bench.folders.data / PREPARED / f"{what}{ENDING}"
@@ -135,9 +159,8 @@ class Preparation:
         return self._bench.record(place, trial, setting, weights)
 
 
-def _place(capacity: Capacity) -> str:
-    """Where runs of each task alone are kept."""
-    return f"calibration/{capacity.name}"
+def _alone(story: Story) -> Trial:
+    return Trial(HEAVY, story, ALONE, 0, 0)
 
 
 def settings(frozen: Frozen) -> dict[str, Setting]:

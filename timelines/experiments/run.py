@@ -26,7 +26,7 @@ from timelines.experiments.healths import Healths
 from timelines.experiments.node_service import as_service
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.record import write_whole
-from timelines.experiments.slowed import slowed
+from timelines.experiments.slowed import slowed, speed
 from timelines.experiments.tasks import inputs_of, tasks_of
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
@@ -55,12 +55,14 @@ BACKLOG = 2
 class Conditions:
     """What a run happens under: its timeline and recordings, and what the tasks share.
 
-    `weights` are the searched ones, for a configuration that has static weights. `code` is the commit that runs.
+    `whole` is what counts as a whole processor here, in turns a second. `weights` are the searched ones, for a
+    configuration that has static weights. `code` is the commit that runs.
     """
 
     timeline: Path
     datasets: Path
     capacity: Capacity
+    whole: float
     weights: Mapping[str, int]
     code: str
 
@@ -69,7 +71,8 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
     """Do the run and keep its raw data; the folder counts as finished once it has a run.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    installation.start_robot(trial, conditions.weights, folder)
+    undisturbed = speed(min(confine.first(conditions.capacity.processors))) / conditions.whole
+    installation.start_robot(trial, conditions.weights, undisturbed, folder)
     try:
         with (
             installation.session("sensor") as sensors,
@@ -79,9 +82,10 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
             heard.wait_until_ready(tasks_of(trial.story))
             gate: AbstractContextManager[object] = Gate(viewer) if trial.configuration.relayed else nullcontext()
             with gate:
-                installation.decide(trial, conditions.capacity, folder)
-                about = _Recording(trial, conditions, sensors, viewer, heard).make(folder)
-        write_whole(folder / RUN, json.dumps(about).encode())
+                installation.decide(trial, conditions.capacity, undisturbed, folder)
+                found = _Recording(trial, conditions, sensors, viewer, heard).make(folder)
+        found["about"]["undisturbed"] = round(undisturbed, 3)
+        write_whole(folder / RUN, json.dumps(found).encode())
     finally:
         installation.stop_robot()
 
@@ -136,7 +140,7 @@ class _Recording:
         with (
             confine.keep_off(processors),
             as_service(cgroups.values()),
-            slowed(capacity.pace, processors) as thieves,
+            slowed(capacity.part * self._conditions.whole, processors) as thieves,
             McapWriter(folder / MESSAGES) as file,
         ):
             parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
@@ -159,6 +163,7 @@ class _Recording:
             "code": self._conditions.code,
             "load": calm,
             "capacity": list(capacity),
+            "whole": round(self._conditions.whole),
             "pace": thieves.pace()._asdict(),
             "seconds": round(took, 2),
             "cpu": account.spent,

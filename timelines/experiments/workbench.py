@@ -12,7 +12,7 @@ from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import Capacity
+from timelines.experiments.capacity import WHOLE, Capacity
 from timelines.experiments.code_version import code_version
 from timelines.experiments.evidence import ENDING
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
@@ -63,10 +63,14 @@ class Setting:
 
 
 class Workbench:
-    """Does single runs, none of them twice: what is finished is read again."""
+    """Does single runs, none of them twice: what is finished is read again.
+
+    `whole` is what counts as a whole processor on this machine, in turns a second.
+    """
 
     def __init__(self, folders: Folders) -> None:
         self.folders = folders
+        self.whole = WHOLE
         self.took: dict[str, tuple[float, float]] = {}
         self._agent: bool | None = None  # nothing is installed
         self._schedules: dict[str, Schedule] = {}
@@ -107,7 +111,7 @@ class Workbench:
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
         began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
-        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, weights, self._code)
+        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, self.whole, weights, self._code)
         found, failures = self._tried(trial, conditions, folder, due)
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))

@@ -348,14 +348,23 @@ FOUND = {
 }
 
 
+def calibrated_before(folder):
+    """A bench where the calibration's run of each task alone was kept."""
+    kept = folder / "data" / "preparation"
+    kept.mkdir(parents=True)
+    (kept / "alone.json.xz").write_bytes(block([a_run("alone", story="errand")]))
+    return Bench(folder)
+
+
 def test_preparation_goes_on_where_no_time_was_left(tmp_path):
-    bench = Bench(tmp_path)
+    bench = calibrated_before(tmp_path)
     few = Preparation(bench, Lines(), lambda _: len(bench.done) < 5)
     with pytest.raises(OutOfTimeError):
         few.tuned(FOUND, gated=True)
     assert len(bench.done) == 5
     Preparation(bench, Lines(), lambda _: True).tuned(FOUND, gated=True)
-    assert len(bench.done) == 32 + 8 + 4 + 4  # none of them twice
+    alone = [name for name, *_ in bench.done if name == "errand-alone"]
+    assert len(bench.done) - len(alone) == 32 + 8 + 4 + 4  # none of them twice
 
 
 def test_a_call_that_ends_during_preparation_is_not_a_failure(monkeypatch, tmp_path, capsys):
@@ -367,8 +376,22 @@ def test_a_call_that_ends_during_preparation_is_not_a_failure(monkeypatch, tmp_p
     assert "the same command goes on" in capsys.readouterr().out
 
 
-def test_what_is_predicted_from_is_played_again_where_its_recording_is_gone(monkeypatch, tmp_path):
-    bench = Bench(tmp_path)
+def test_each_call_measures_its_machine_once_and_keeps_the_runs(tmp_path):
+    bench = calibrated_before(tmp_path)
+    preparation = Preparation(bench, Lines(), lambda _: True)
+    assert preparation.measured(FOUND) is preparation.measured(FOUND)
+    assert [name for name, *_ in bench.done] == ["errand-alone"]
+    (kept,) = (tmp_path / "data" / "preparation").glob("machine-*")
+    assert [one.configuration for one in records(kept.read_bytes())] == ["alone"]
+
+
+def test_a_machine_is_not_measured_without_the_calibration_that_it_is_compared_with(tmp_path):
+    with pytest.raises(RecordError, match=r"no run of errand on 1 x 0\.4: calibrate again"):
+        Preparation(Bench(tmp_path), Lines(), lambda _: True).measured(FOUND)
+
+
+def test_what_is_predicted_from_is_the_run_of_this_machine(monkeypatch, tmp_path):
+    bench = calibrated_before(tmp_path)
     monkeypatch.setattr(bench, "profiles", lambda *_: {"the": "profiles"})
     monkeypatch.setattr(prepare, "HELD_OUT", ())
     assert Preparation(bench, Lines(), lambda _: True).predicted(FOUND)["profiles"] == {"the": "profiles"}

@@ -7,8 +7,8 @@ import yaml
 
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import parse
-from timelines.experiments.capacity import Capacity
-from timelines.experiments.predictions import PREDICTED, bounds_of_slowed, predict, slowed_down
+from timelines.experiments.capacity import Capacity, in_cpu_time
+from timelines.experiments.predictions import PREDICTED, predict, slowed_down
 from timelines.experiments.stories import HELD_OUT
 
 COST = {"mean": 0.05, "std": 0.0, "quantiles": [0.05, 0.05]}
@@ -37,13 +37,15 @@ def test_on_slower_processors_the_same_input_takes_longer():
 
 
 def test_on_slower_processors_a_bound_is_a_larger_part_of_one():
-    tasks = {task["name"]: task for task in bounds_of_slowed(POLICY, 0.25)["spec"]["tasks"]}
+    tasks = {task["name"]: task for task in in_cpu_time(POLICY, 0.25)["spec"]["tasks"]}
     assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("1", "1200m")
     assert "min" not in tasks["slam"]
 
 
 def test_each_configuration_is_predicted():
+    same = predict(POLICY, TIMELINE, MEASURED, Capacity(1, 0.5), 0.5)  # of processors as slow as these
     fast, slow = (predict(POLICY, TIMELINE, MEASURED, Capacity(1, part)) for part in (1.0, 0.3))
     assert set(fast) == {one.name for one in PREDICTED}
+    assert same["weights-gated"] == fast["weights-gated"]
     assert fast["weights-gated"]["slam"] == 0
     assert slow["weights-gated"]["slam"] > 0.5  # 170 ms an input, ten times a second

@@ -81,9 +81,9 @@ def test_what_a_context_needs_is_that_of_nearly_all_of_its_time():
 
 
 def test_a_policy_divides_what_is_there():
-    assert Capacity(1, 0.8).reserve(2) == "1200m"  # all else runs on the other processor
-    assert Capacity(2, 0.5).reserve(2) == "1100m"
-    assert Capacity(2, 1.0).reserve(2) == "200m"
+    assert Capacity(1, 0.8).reserve(2, 1.0) == "1200m"  # all else runs on the other processor
+    assert Capacity(2, 0.5).reserve(2, 1.0) == "1100m"
+    assert Capacity(2, 1.0).reserve(2, 1.0) == "200m"
     assert (str(Capacity(1, 0.75)), Capacity(1, 0.75).name) == ("1 x 0.75", "1x0.75")
 
 

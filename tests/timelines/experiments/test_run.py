@@ -22,7 +22,7 @@ from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import Capacity
+from timelines.experiments.capacity import WHOLE, Capacity
 from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
@@ -96,7 +96,7 @@ def at_pace(pace, _):
 def conditions(tmp_path):
     timeline = tmp_path / "short.json"
     timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    return Conditions(timeline, tmp_path, Capacity(1, 1.0), {}, "abc1234")
+    return Conditions(timeline, tmp_path, Capacity(1, 1.0), WHOLE, {}, "abc1234")
 
 
 def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001

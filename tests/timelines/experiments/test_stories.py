@@ -83,7 +83,7 @@ def test_the_critical_task_is_the_one_of_the_highest_weight(story):
 def test_most_of_a_slow_processor_is_left_to_what_moves(story, part):
     """Floors that take up a load's capacity would leave nothing to contexts: they are of what is needed, with room."""
     spec = yaml.safe_load(story.policy_file.read_text(encoding="utf-8"))["spec"]
-    left = 2000 - parse_cpu(Capacity(1, part).reserve(2))
+    left = 2000 - parse_cpu(Capacity(1, part).reserve(2, 1.0))
     assert sum(parse_cpu(task.get("min", "0")) for task in spec["tasks"]) <= left / 2
 
 
