@@ -26,9 +26,9 @@ LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4}
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
-ROOM = 0.75
+ROOM = 0.85
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
-no division can keep a goal, and nothing is learned from a miss; and beside others an input takes a fifth more CPU."""
+no division can keep a goal, and nothing is learned from a miss. Beside others an input takes more CPU than alone."""
 NEARLY_ALL = 0.9
 """Part of a context's stretches of two seconds that want no more than what counts as its need. Two seconds, since a
 picture of signs takes a third of one, and not all cost the same."""

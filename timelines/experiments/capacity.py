@@ -21,9 +21,9 @@ KUBERNETES = 200
 
 
 WHOLE = 430_000.0
-"""What counts as a whole processor, in turns a second of the loop in `thief`, by Python 3.11, on the machine of the
-calibration: a little less than a thread of an EPYC at 2.4 GHz does while another one keeps the same core busy. On
-others it is as many as the tasks take there for the same inputs (see `machine`)."""
+"""What counts as a whole processor, in turns a second of the loop in `thief`, by Python 3.11, on the machine where it
+was first measured what the tasks want: a little less than a thread of an EPYC at 2.4 GHz does while another one keeps
+the same core busy. On others it is as many as the tasks take there for the same inputs (see `machine`)."""
 
 
 class Capacity(NamedTuple):

@@ -110,10 +110,11 @@ def start_robot(trial: Trial, weights: Mapping[str, int], speed: float, folder: 
 def decide(trial: Trial, capacity: Capacity, speed: float, folder: Path) -> None:
     """Apply the configuration's policy, if there is one, and wait until its decisions are in force.
 
-    `speed` is what a processor does, in whole ones: a policy divides CPU time.
+    `speed` is what a processor does, in whole ones: limits are CPU time. Weights are not, and compare with requests.
     """
-    document = in_cpu_time(policy_document(trial.story), speed)
-    variant = trial.configuration.variant(document, capacity.reserve(cores(), speed))
+    fast = speed if trial.configuration.control == "Limit" else 1.0
+    document = in_cpu_time(policy_document(trial.story), fast)
+    variant = trial.configuration.variant(document, capacity.reserve(cores(), fast))
     if variant is None:
         return
     path = folder / "policy.yaml"

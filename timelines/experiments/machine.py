@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import WHOLE
 from timelines.experiments.metrics import Pair, Run, cpu_per_input
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ def whole_here(reference: Run, play: Callable[[float], Run]) -> float:
     `reference` is the calibration's run of each task alone, `play` repeats it, with what counts as a whole processor.
     DisturbedError if no two runs agree: this machine changes faster than it can be measured.
     """
-    whole = WHOLE
+    whole = reference.whole
     for _ in range(TRIES):
         times = _work(play(whole), reference)
         if abs(times - 1) <= CLOSE:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.allocation.plan import NodePlan
 
-SETTLED = 2.0
-"""Seconds for which a node's plan must stay the same before it is ordered."""
+SETTLED = 30.0
+"""Seconds for which a node's plan must stay the same before it is ordered: most contexts of a robot last less."""
 
 NodePlans: TypeAlias = "Mapping[str, NodePlan]"
 """Plans by node."""

@@ -280,12 +280,12 @@ def test_loads_and_deadlines_follow_from_each_task_alone(monkeypatch, tmp_path):
     found = Preparation(Anywhere(tmp_path), lines, lambda _: True).calibrated()
     assert found["wanted"] == pytest.approx({"slam": 0.15, "speech": 0.025})
     assert found["needs"]["drive"] == pytest.approx(0.15)
-    assert found["loads"] == {"light": (1, 0.25), "heavy": (1, 0.2), "paper": (1, 0.2)}  # 0.15 is 75 % of it
-    assert found["asked"] == {"light": 0.7, "heavy": 0.87, "paper": 0.87}
+    assert found["loads"] == {"light": (1, 0.25), "heavy": (1, 0.176), "paper": (1, 0.176)}  # 0.15 is 85 % of it
+    assert found["asked"] == {"light": 0.7, "heavy": 0.99, "paper": 0.99}
     assert (found["deadlines"], found["solo"]) == ({"slam": 0.1, "speech": 1.0}, {"slam": 1.0, "speech": 1.0})
     assert "wanted by critical and protected tasks: drive 0.15 processors, talk 0.025 processors" in lines.said
     write_frozen(tmp_path, found)
-    assert settings(read_frozen(tmp_path))["heavy"].capacity == Capacity(1, 0.2)
+    assert settings(read_frozen(tmp_path))["heavy"].capacity == Capacity(1, 0.176)
 
 
 def test_the_runs_that_were_prepared_with_are_kept_as_well(monkeypatch, tmp_path):
