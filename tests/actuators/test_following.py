@@ -30,7 +30,7 @@ class Story:
         self.source: Subject[Mapping[str, NodePlan]] = Subject()
         self.ahead = frozenset(ahead)
         self.not_set: Mapping[str, str] = {}
-        follow = follow_agents(self.scheduler, lambda: self.ahead, lambda: self.not_set)
+        follow = follow_agents(self.scheduler, SETTLED, lambda: self.ahead, lambda: self.not_set)
         self.end = self.source.pipe(follow).subscribe(self.note)
 
     def note(self, nodes):

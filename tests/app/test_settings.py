@@ -29,6 +29,7 @@ def test_every_variable_is_read():
         "LEASE_POD": "pod-1/uid-1",
         "ORIGINALS_KEY": "system/contextpolicy-originals",
         "AGENTS": "everywhere",
+        "SETTLE_SECONDS": "5",
         "IDENTITY": "pod-1",
         "LOG_FORMAT": "JSON",
         "LOG_LEVEL": "Debug",
@@ -45,6 +46,7 @@ def test_every_variable_is_read():
         lease_pod=OwnPod("pod-1", "uid-1"),
         originals_key=("system", "contextpolicy-originals"),
         agents_everywhere=True,
+        settle_seconds=5,
         identity="pod-1",
         log_format="json",
         log_level="debug",
@@ -68,6 +70,7 @@ def test_every_variable_is_read():
         ("LEASE_SECONDS", "0", "whole seconds from 1 to 60"),
         ("LEASE_SECONDS", "61", "whole seconds from 1 to 60"),
         ("LEASE_SECONDS", "1.5", "whole seconds from 1 to 60"),
+        ("SETTLE_SECONDS", "0", "whole seconds from 1 to 3600"),
         ("ZENOH_CONNECT", "router:7447", "endpoints such as tcp/router:7447, comma separated"),
     ],
 )

@@ -56,6 +56,7 @@ def install_command(**more: str) -> list[str]:
         "router.service.clusterIP": free_address(ADDRESS),
         "watchNamespaces": f"{{{NAMESPACE}}}",
         "agent.enabled": "true",
+        "agent.settleSeconds": "2",
         "agent.realtime": "true",
         "agent.realtimePriority": str(PRIORITY),
         "agent.podLogs": str(ROOT / "pods"),

@@ -74,6 +74,7 @@ class Robot:
             backlog=Backlog(PER_STREAM, TOTAL),
             retention=Retention(POOL),
             questions=Questions(self.loop),
+            settled=2.0,
         )
         return PolicyRunner(a_policy(**{**defaults, **spec}), services, self.orders, initiatives or {}, {})
 

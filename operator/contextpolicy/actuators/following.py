@@ -22,17 +22,21 @@ if TYPE_CHECKING:
     from contextpolicy.planning.allocation.plan import NodePlan
 
 SETTLED = 30.0
-"""Seconds for which a node's plan must stay the same before it is ordered: most contexts of a robot last less."""
+"""Seconds for which a node's plan has to stay the same, by default: most contexts of a robot last less."""
 
 NodePlans: TypeAlias = "Mapping[str, NodePlan]"
 """Plans by node."""
 
 
 def follow_agents(
-    scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]], not_set: Callable[[], Mapping[str, str]]
+    scheduler: SchedulerBase,
+    settled: float,
+    ahead: Callable[[], frozenset[str]],
+    not_set: Callable[[], Mapping[str, str]],
 ) -> Callable[[Observable[NodePlans]], Observable[NodePlans]]:
     """Turn what is planned into what is to be ordered now: once for each item, and when a plan has settled.
 
+    A node's plan has settled when it has stayed the same for so many seconds.
     Nodes in `ahead` have an agent: they keep the plan ordered last until the next has settled. A node whose first plan
     has not settled yet is missing. Containers that are `not_set` by their agent, with
     their tasks, do not wait.
@@ -40,7 +44,7 @@ def follow_agents(
 
     def operator(source: Observable[NodePlans]) -> Observable[NodePlans]:
         def subscribe(observer: ObserverBase[NodePlans], _: SchedulerBase | None = None) -> DisposableBase:
-            follower = _Follower(observer, scheduler, ahead, not_set)
+            follower = _Follower(observer, scheduler, settled, ahead, not_set)
             subscription = source.subscribe(follower.on_next, observer.on_error, observer.on_completed)
             return CompositeDisposable(subscription, follower.timer)
 
@@ -63,10 +67,12 @@ class _Follower:
         self,
         observer: ObserverBase[NodePlans],
         scheduler: SchedulerBase,
+        settled: float,
         ahead: Callable[[], frozenset[str]],
         not_set: Callable[[], Mapping[str, str]],
     ) -> None:
         self.timer = SerialDisposable()
+        self._settled = settled
         self._observer, self._scheduler, self._ahead, self._not_set = observer, scheduler, ahead, not_set
         self._planned: NodePlans = {}
         self._ordered: NodePlans = {}
@@ -89,12 +95,12 @@ class _Follower:
         self._observer.on_next(self._ordered)
 
     def _choose(self, node: str, plan: NodePlan, now: float, ahead: frozenset[str]) -> NodePlan | None:
-        waiting = self._waiting.pop(node, None) or _Waiting(plan, now + SETTLED)
+        waiting = self._waiting.pop(node, None) or _Waiting(plan, now + self._settled)
         ordered = self._ordered.get(node)
         if node not in ahead or plan == ordered:
             return plan
         if plan != waiting.plan:
-            waiting = _Waiting(plan, now + SETTLED)
+            waiting = _Waiting(plan, now + self._settled)
         if now >= waiting.due:
             return plan
         self._waiting[node] = waiting

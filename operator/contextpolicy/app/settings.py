@@ -7,6 +7,7 @@ from itertools import combinations
 from socket import gethostname
 from typing import TYPE_CHECKING
 
+from contextpolicy.actuators.following import SETTLED
 from contextpolicy.cluster.lease import LONGEST, OwnPod
 from contextpolicy.errors import Finding
 from contextpolicy.policy.environment import DEFAULT_CONNECT, LOG_FORMATS, LOG_LEVELS, Environment
@@ -15,6 +16,9 @@ from contextpolicy.policy.tenants import Tenants, read_tenants
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+MOST_SETTLED = 3600
+"""Seconds: what lasts longer than an hour should be in the API, for when the agent is gone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,8 @@ class Settings:
     same namespace (None: it stays).
 
     `agents_everywhere` says that every node with tasks is to have a node agent, so that one without is reported.
+
+    `settle_seconds` is for how long a plan has to stay the same before the API follows an agent.
 
     `originals_key` is the namespace and name of the Secret with the key that signs originals (None: nothing does).
     """
@@ -46,6 +52,7 @@ class Settings:
     lease_pod: OwnPod | None = None
     originals_key: tuple[str, str] | None = None
     agents_everywhere: bool = False
+    settle_seconds: float = SETTLED
     identity: str = field(default_factory=gethostname)
     log_format: str = "text"
     log_level: str = "info"
@@ -73,6 +80,9 @@ def read(variables: Mapping[str, str]) -> Settings:
             "ORIGINALS_KEY", "a namespace and a Secret's name, such as contextpolicy-system/contextpolicy-originals"
         ),
         agents_everywhere=environment.word("AGENTS", ("any", "everywhere"), "any") == "everywhere",
+        settle_seconds=environment.whole(
+            "SETTLE_SECONDS", int(SETTLED), most=MOST_SETTLED, expected=f"whole seconds from 1 to {MOST_SETTLED}"
+        ),
         identity=environment.text("IDENTITY", gethostname()),
         log_format=environment.word("LOG_FORMAT", LOG_FORMATS, "text"),
         log_level=environment.word("LOG_LEVEL", LOG_LEVELS, "info"),

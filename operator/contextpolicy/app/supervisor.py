@@ -90,6 +90,7 @@ class Supervisor:
             tenants=settings.tenants,
             clock=WallClock(loop),
             agents_everywhere=settings.agents_everywhere,
+            settled=settings.settle_seconds,
         )
         self._heartbeat = Heartbeat(_LoopThread(loop))
         self._watches = Watches(api, settings.namespaces, self.operator, self, time.monotonic)

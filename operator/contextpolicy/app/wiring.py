@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.actuators.actuator import Actuators
 from contextpolicy.actuators.dry_run import DryRun
+from contextpolicy.actuators.following import SETTLED
 from contextpolicy.actuators.idle import Idle
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.actuators.resize.stored_originals import raw_of, stored_in
@@ -55,7 +56,8 @@ class Operator:
 
     The `clock` gives the times that people read. `api` is written to only where the `fence` lets us act. `patches`
     sends resizes; `reports` writes statuses and events and must have one thread, which keeps them in order. `close`
-    shuts both down. `agents_everywhere` says that every node with tasks is to have a node agent.
+    shuts both down. `agents_everywhere` says that every node with tasks is to have a node agent. A plan that has stayed
+    the same for `settled` seconds follows from an agent to the API.
     """
 
     def __init__(  # noqa: PLR0913 - what an operator is made of
@@ -71,6 +73,7 @@ class Operator:
         tenants: Tenants,
         clock: WallClock,
         agents_everywhere: bool = False,
+        settled: float = SETTLED,
     ) -> None:
         self._api, self._loop, self._patches = FencedApi(api, fence), loop, patches
         self._tenants = tenants
@@ -117,6 +120,7 @@ class Operator:
             fence=fence,
             signer=signer,
             clock=clock,
+            settled=settled,
         )
 
     def close(self) -> None:

@@ -27,7 +27,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LEASE (namespace/name of "
         "the Lease that replicas compete for), LEASE_SECONDS, LEASE_POD (name/UID of the pod that owns it), "
         "ORIGINALS_KEY (namespace/name of the Secret with the key that signs originals), "
-        "AGENTS (everywhere: report a node with tasks that has no node agent), IDENTITY, LOG_FORMAT, LOG_LEVEL.",
+        "AGENTS (everywhere: report a node with tasks that has no node agent), SETTLE_SECONDS (for how long a plan "
+        "stays the same before the API follows a node agent), IDENTITY, LOG_FORMAT, LOG_LEVEL.",
     )
     parser.set_defaults(main=main)
 

@@ -58,11 +58,12 @@ class PolicyManager:
         fence: Fence,
         signer: PlanSigner,
         clock: WallClock,
+        settled: float,
     ) -> None:
         self._loop, self._registry, self._bus = loop, registry, bus
         self._actuators, self._publisher, self._binder = actuators, publisher, binder
         self._queries, self._recorder, self._fence, self._signer = queries, recorder, fence, signer
-        self._clock = clock
+        self._clock, self._settled = clock, settled
         self._backlog, self._retention = Backlog[Waiting](PER_STREAM, TOTAL), Retention(POOL)
         self._questions = Questions(loop)
         self._promotion = Promotion(loop, registry, shadows, publisher, self)
@@ -214,6 +215,7 @@ class PolicyManager:
             backlog=self._backlog,
             retention=self._retention,
             questions=self._questions,
+            settled=self._settled,
         )
 
     def _tell_doubts(self, reference: str, vetted: Vetted) -> None:

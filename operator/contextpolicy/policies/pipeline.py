@@ -86,12 +86,16 @@ class Outputs(Protocol):
 
 
 class Inputs(NamedTuple):
-    """What a pipeline starts from; `moves` are node plans to be ordered again, because containers came or went."""
+    """What a pipeline starts from; `moves` are node plans to be ordered again, because containers came or went.
+
+    `settled` is for how many seconds a plan has to stay the same before the API follows an agent.
+    """
 
     samples: Observable[Input]
     placements: Observable[Input]
     clock: Observable[Input]
     moves: Observable[NodePlans]
+    settled: float
 
 
 def connect(
@@ -124,7 +128,8 @@ def connect(
     carried_out = decisions.pipe(head_start(scheduler, outputs.instructs_agents), share_on_loop)
     # What is newest when the head start is over: a plan that was overtaken meanwhile is not ordered.
     nodes = carried_out.pipe(ops.map(newest_nodes))
-    orders = merge(nodes, inputs.moves).pipe(follow_agents(scheduler, outputs.followed, outputs.not_set))
+    follow = follow_agents(scheduler, inputs.settled, outputs.followed, outputs.not_set)
+    orders = merge(nodes, inputs.moves).pipe(follow)
     # Each decision restarts the interval of the updates: its message has them all.
     messages = merge(decisions, plans.pipe(ops.filter(outputs.is_update)))
     paced = pace(UPDATE_INTERVAL, scheduler, at_once=outputs.is_decision)

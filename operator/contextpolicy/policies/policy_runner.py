@@ -90,7 +90,7 @@ class PolicyRunner:
         plan = plan_with(self.planner, scheduler, self._initiatives, former, wall_clock.ahead(scheduler))
         force = self.policy.force
         clock = wall_clock.settings(scheduler, force.until) if force is not None else reactivex.never()
-        inputs = Inputs(self._samples(), self._placements, clock, self._moves)
+        inputs = Inputs(self._samples(), self._placements, clock, self._moves, self._services.settled)
         self._pipeline = connect(inputs, self.planner, plan, self, scheduler)
 
     def stop(self) -> None:

@@ -55,7 +55,10 @@ class Boards(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Agents act on plans only if the `signer` signs them; `clock` is what times on the bus are given by."""
+    """Agents act on plans only if the `signer` signs them; `clock` is what times on the bus are given by.
+
+    `settled` is for how many seconds a plan has to stay the same before the API follows an agent.
+    """
 
     session: zenoh.Session
     scheduler: SchedulerBase
@@ -69,3 +72,4 @@ class Services:
     backlog: Backlog[Waiting]
     retention: Retention
     questions: Questions
+    settled: float
