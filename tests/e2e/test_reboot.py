@@ -8,7 +8,12 @@ from tests.node import access, lifecycle
 from tests.node.layout import ROOT
 
 pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="stops the node: not on yours")
-AGENT = {"agent.enabled": "true", "agent.podLogs": str(ROOT / "pods"), "security.enabled": "true"}
+AGENT = {
+    "agent.enabled": "true",
+    "agent.settleSeconds": "2",
+    "agent.podLogs": str(ROOT / "pods"),
+    "security.enabled": "true",
+}
 """It wants signed plans, so a closed bus."""
 
 
