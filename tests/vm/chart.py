@@ -19,6 +19,7 @@ VALUES = {
     "router.service.clusterIP": ROUTER,
     "watchNamespaces": f"{{{ROBOT}}}",
     "agent.enabled": "true",
+    "agent.settleSeconds": "2",
     "agent.realtime": "true",
     "agent.podLogs": str(ROOT / "pods"),
 }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial, seconds_left
-from timelines.experiments.capacity import WHOLE, Capacity
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
 from timelines.experiments.halving import candidates, halved
@@ -93,8 +93,7 @@ class Preparation:
                 return runs[place]
 
             whole = whole_here(self._reference(setting), play)
-            times = f"{whole / WHOLE:.2f} times the calibration's"
-            self._progress.say(f"here a whole processor is {whole:.0f} turns a second, {times}")
+            self._progress.say(f"here a whole processor is {whole:.0f} turns a second")
             self._keep(f"machine-{began}", runs.values())
             self._measured = list(runs.items())[-1]
         return self._measured

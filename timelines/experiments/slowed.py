@@ -15,7 +15,7 @@ import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 from typing import IO, TYPE_CHECKING, NamedTuple, cast
 
 from timelines.experiments import thief
@@ -30,6 +30,8 @@ WORST = 0.7
 """The same in each second: a processor that stands still for longer makes its tasks late, however they are divided."""
 MOST = 1.05
 """Part of it that is left on average at most: more would be another load."""
+LOOK, LOOKS = 0.5, 5
+"""Seconds of each look at an undisturbed processor's speed, and how many there are."""
 
 
 class SlowedError(DisturbedError):
@@ -111,12 +113,19 @@ def _out(process: subprocess.Popen[str]) -> IO[str]:
     return cast("IO[str]", process.stdout)
 
 
-def speed(processor: int, seconds: float = 1.0) -> float:
-    """How fast a processor is now: turns of the thieves' loop in a second of its CPU."""
+def speed(processor: int) -> float:
+    """How fast a processor is now: turns of the thieves' loop in a second of its CPU, the median of LOOKS looks.
+
+    What shares a core of the host comes and goes.
+    """
     allowed = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {processor})
     try:
-        began = time.thread_time()
-        return thief.turns(time.monotonic() + seconds) / (time.thread_time() - began)
+        return median(_turns_a_second() for _ in range(LOOKS))
     finally:
         os.sched_setaffinity(0, allowed)
+
+
+def _turns_a_second() -> float:
+    began = time.thread_time()
+    return thief.turns(time.monotonic() + LOOK) / (time.thread_time() - began)
