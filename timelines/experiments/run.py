@@ -71,6 +71,7 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
     """Do the run and keep its raw data; the folder counts as finished once it has a run.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
+    wait_until_calm()  # what stops or starts on the other processors slows this one
     undisturbed = speed(min(confine.first(conditions.capacity.processors))) / conditions.whole
     installation.start_robot(trial, conditions.weights, undisturbed, folder)
     try:

@@ -121,6 +121,7 @@ def test_a_run_with_static_weights_has_them(node, tmp_path):  # noqa: ARG001
 
 def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
     monkeypatch.setattr(healths, "PATIENCE", 0.1)
+    monkeypatch.setattr(run_module, "wait_until_calm", lambda: 0.1)
     for name in ("start_robot", "stop_robot"):
         monkeypatch.setattr(installation, name, lambda *_: None)
     with router() as address:
