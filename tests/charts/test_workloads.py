@@ -45,6 +45,13 @@ def test_a_standby_notices_a_killed_operator_within_a_second(render):
     assert environment(render("operator.replicas=2")["Deployment", "contextpolicy"])["LEASE_SECONDS"] == "1"
 
 
+def test_the_operator_knows_when_the_api_is_to_follow_an_agent(render):
+    deployment = "Deployment", "contextpolicy"
+    assert environment(render("agent.enabled=true", "agent.settleSeconds=5")[deployment])["SETTLE_SECONDS"] == "5"
+    assert environment(render("agent.enabled=true")[deployment])["SETTLE_SECONDS"] == "30"
+    assert "SETTLE_SECONDS" not in environment(render()[deployment])
+
+
 def test_readiness_has_its_own_endpoint(render):
     operator = container(render()["Deployment", "contextpolicy"])
     pages = {probe: operator[f"{probe}Probe"]["httpGet"]["path"] for probe in ("startup", "liveness", "readiness")}

@@ -74,7 +74,7 @@ class Robot:
             backlog=Backlog(PER_STREAM, TOTAL),
             retention=Retention(POOL),
             questions=Questions(self.loop),
-            settled=2.0,
+            settled=2.0,  # what the times in these tests assume
         )
         return PolicyRunner(a_policy(**{**defaults, **spec}), services, self.orders, initiatives or {}, {})
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.allocation.plan import NodePlan
 
 SETTLED = 30.0
-"""Seconds for which a node's plan has to stay the same, by default: most contexts of a robot last less."""
+"""Seconds for which a node's plan has to stay the same, by default: a context that is over sooner costs no resize."""
 
 NodePlans: TypeAlias = "Mapping[str, NodePlan]"
 """Plans by node."""

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
+import yaml
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run, at_speed
+from timelines.experiments import installation
+from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.calm import DisturbedError
 from timelines.experiments.capacity import WHOLE, Capacity, in_cpu_time
+from timelines.experiments.configurations import LIMITS, WEIGHTS
 from timelines.experiments.installation import policy_document
 from timelines.experiments.machine import CLOSE, whole_here
 from timelines.experiments.metrics import Run
@@ -22,13 +28,9 @@ def machine(loop, cpu):
     def play(whole):
         played.append(whole)
         record = at_speed(a_run("alone", cpu=cpu), loop)
-        return Run(SCHEDULE, record.__class__(**{**vars_of(record), "about": {**record.about, "whole": whole}}))
+        return Run(SCHEDULE, replace(record, about={**record.about, "whole": whole}))
 
     return play, played
-
-
-def vars_of(record):
-    return {name: getattr(record, name) for name in record.__slots__}
 
 
 def test_where_the_loop_gains_more_than_the_tasks_a_whole_processor_is_more_turns():
@@ -62,3 +64,11 @@ def test_a_policy_divides_cpu_time_of_which_a_fast_machine_has_less_for_the_same
     slow, fast = (in_cpu_time(policy_document(HELD_OUT[0]), speed)["spec"]["tasks"] for speed in (1.0, 2.0))
     assert {one["name"]: one.get("min") for one in slow}["imu"] == "250m"
     assert {one["name"]: one.get("min") for one in fast}["imu"] == "125m"
+
+
+@pytest.mark.parametrize(("configuration", "least"), [(LIMITS, "125m"), (WEIGHTS, "250m")])
+def test_only_limits_are_cpu_time(monkeypatch, tmp_path, configuration, least):
+    monkeypatch.setattr(installation.deploy, "run", lambda *_, **__: "")
+    installation.decide(Trial(HEAVY, HELD_OUT[0], configuration, 0, 0), Capacity(1, 0.89), 2.0, tmp_path)
+    applied = yaml.safe_load((tmp_path / "policy.yaml").read_text(encoding="utf-8"))["spec"]["tasks"]
+    assert {one["name"]: one.get("min") for one in applied}["imu"] == least
