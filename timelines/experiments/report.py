@@ -35,7 +35,7 @@ THREATS = """\
 - Cores of a virtual server, kept at one speed by threads of realtime priority that take the rest of every 5 ms. That
   speed is of a small loop: caches and memory are not a board's. On each machine it is set before the runs so that the
   tasks, each alone, take the calibration's work for a tuning story, within 3 %; later they gain and lose less than the
-  loop does. CPU seconds count as work at that speed, and the policy's are converted by it before each run.
+  loop does. CPU seconds count as work at that speed, and limits are converted by it before each run.
 - Camera rates, SLAM's queue, the policy's `min` for the IMU and its priority for speech, the room for critical tasks
   and the rule for deadlines were chosen after pilots on the tuning stories in which context weights missed SLAM's
   deadlines: the loads are ones that can be kept.

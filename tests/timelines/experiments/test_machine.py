@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run, at_speed
+from timelines.demo import deploy
 from timelines.experiments import installation
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.calm import DisturbedError
@@ -68,7 +69,7 @@ def test_a_policy_divides_cpu_time_of_which_a_fast_machine_has_less_for_the_same
 
 @pytest.mark.parametrize(("configuration", "least"), [(LIMITS, "125m"), (WEIGHTS, "250m")])
 def test_only_limits_are_cpu_time(monkeypatch, tmp_path, configuration, least):
-    monkeypatch.setattr(installation.deploy, "run", lambda *_, **__: "")
+    monkeypatch.setattr(deploy, "run", lambda *_, **__: "")
     installation.decide(Trial(HEAVY, HELD_OUT[0], configuration, 0, 0), Capacity(1, 0.89), 2.0, tmp_path)
     applied = yaml.safe_load((tmp_path / "policy.yaml").read_text(encoding="utf-8"))["spec"]["tasks"]
     assert {one["name"]: one.get("min") for one in applied}["imu"] == least
