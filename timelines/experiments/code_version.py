@@ -9,11 +9,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 UNKNOWN = "unknown"
+REPORTING = ("report.py", "tables.py", "detail_tables.py", "pictures.py", "verdicts.py", "paired.py")
 CODE = (
     *("operator", "modules", "charts", "crds", "config", "timelines", "tests/node", "pyproject.toml"),
     ":(exclude)timelines/results",
+    *(f":(exclude)timelines/experiments/{name}" for name in REPORTING),
 )
-"""What can change a run; the data of blocks is committed while others are still to come."""
+"""What can change a run: not the data, which is committed while blocks are still to come, nor how it is reported."""
 
 
 def code_version(repository: Path) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import subprocess
+from pathlib import Path
 
 import pytest
 
-from timelines.experiments.code_version import UNKNOWN, code_version
+from timelines.experiments.code_version import REPORTING, UNKNOWN, code_version
+
+EXPERIMENTS = Path(__file__).parents[3] / "timelines" / "experiments"
 
 
 def git(folder, *words):
@@ -35,6 +38,8 @@ def test_data_and_documents_are_not_code(checkout):
     assert before == git(checkout, "log", "-1", "--format=%h").strip()
     write(checkout, "timelines/results/data/frozen.json", "{}")
     write(checkout, "docs/index.md", "Read.")
+    for name in REPORTING:
+        write(checkout, f"timelines/experiments/{name}", "1")
     git(checkout, "add", ".")
     git(checkout, "commit", "-qm", "Keep a block")
     write(checkout, "timelines/results/data/frozen.json", "[]")
@@ -42,6 +47,10 @@ def test_data_and_documents_are_not_code(checkout):
     write(checkout, "timelines/run.py", "2")
     git(checkout, "commit", "-qam", "Run otherwise")
     assert code_version(checkout) == git(checkout, "log", "-1", "--format=%h").strip() != before
+
+
+def test_the_report_is_made_of_files_that_there_are():
+    assert all((EXPERIMENTS / name).is_file() for name in REPORTING)
 
 
 def test_what_is_not_committed_shows(checkout):
