@@ -19,8 +19,8 @@ from timelines.scenarios.inputs import timeline
 from timelines.scenarios.scenario import load, shipped
 
 FROZEN = {
-    "delivery": "eded11edc387e5468a815e31db32908997440ad83c3e5c40e3da31a7423bdd18",
-    "inspection": "1f6cc31a9e6f2572d42a62e3d3db5f2d527ebd0a533b2ca6ab3b133e1132c527",
+    "delivery": "9ba3f6ed1615acd3a85837defab2be991ebbba2a97c46ca7b341d33248bbd716",
+    "inspection": "e8f25c68d9b002032ac6a2e17a0c38dd1edf2b015fe8711110aa25b7157cc853",
 }
 OWN = (*TUNING, *HELD_OUT)
 
