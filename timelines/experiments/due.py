@@ -72,10 +72,16 @@ class Schedule:
             self._due[task] = [one for name in self.inputs[task] for one in self._of_input(task, name)]
         return self._due[task]
 
+    def wants(self, task: str, at: float) -> bool:
+        """Whether the context that holds at a moment of the story lets the task work."""
+        return task not in self._window(at).suspended
+
+    def _window(self, at: float) -> Window:
+        return self.windows[max(bisect_right([window.begin for window in self.windows], at) - 1, 0)]
+
     def _of_input(self, task: str, name: str) -> Iterator[Due]:
-        begins = [window.begin for window in self.windows]
         for number, at in enumerate(self.keys.get(self.inputs[task][name], ())):
-            window = self.windows[max(bisect_right(begins, at) - 1, 0)]
+            window = self._window(at)
             yield Due(name, number, at, window.name, task not in window.suspended, at < window.begin + ONSET)
 
     def as_json(self) -> dict[str, Any]:

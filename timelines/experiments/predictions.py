@@ -7,25 +7,32 @@ Linux default.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.policy.parsing import parse
-from contextpolicy.simulation.forecast import ALL, forecast
-from contextpolicy.simulation.profiles import Profiles, parse_profiles
+from contextpolicy.simulation.forecast import forecast
+from contextpolicy.simulation.profiles import Profiles
 from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
+from contextpolicy.simulation.server import Fate
 from timelines.experiments.capacity import in_cpu_time
 from timelines.experiments.configurations import LIMITS, LIMITS_GATED, WEIGHTS, WEIGHTS_GATED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from contextpolicy.simulation.server import Outcome
     from contextpolicy.streams.timeline import Timeline
     from timelines.experiments.capacity import Capacity
     from timelines.experiments.configurations import Configuration
+    from timelines.experiments.due import Schedule
 
 PREDICTED: Sequence[Configuration] = (WEIGHTS, WEIGHTS_GATED, LIMITS, LIMITS_GATED)
+REACTION = 0.0036
+"""Seconds from a plan to eight cgroups with the node agent, which all of these have (`make bench-reaction`)."""
 TAIL = 5.0
 """Seconds after the story until which queues are followed."""
 
@@ -47,13 +54,13 @@ def slowed_down(profiles: Profiles, part: float) -> Profiles:
 
 
 def predict(
-    policy: Mapping[str, Any], timeline: Timeline, measured: Mapping[str, Any], capacity: Capacity, speed: float = 1.0
+    policy: Mapping[str, Any], timeline: Timeline, due: Schedule, profiles: Profiles, capacity: Capacity
 ) -> dict[str, dict[str, float]]:
-    """The part of each task's inputs that is late or dropped, by configuration.
+    """The part of what contexts want of each task that is missed, by configuration: what the runs are counted by.
 
-    `measured` is a file of profiles, whose CPU time is of processors that did so many whole ones (`speed`).
+    `profiles` are of processors as slow as these.
     """
-    profiles, until = slowed_down(parse_profiles(measured), capacity.part / speed), timeline.duration + TAIL
+    until = timeline.duration + TAIL
     slowed = in_cpu_time(policy, capacity.part)
     found = {}
     for one in PREDICTED:
@@ -62,6 +69,17 @@ def predict(
             continue
         variant = parse(resource)
         plans = simulate(variant, timeline, robot=Robot({NODE: capacity.processors * 1000}), until=until).plans
-        tasks = forecast(variant, timeline, plans, profiles, until=until).tasks
-        found[one.name] = {name: round(own[ALL].misses, 4) for name, own in tasks.items() if ALL in own}
+        outcomes = forecast(variant, timeline, plans, profiles, until=until, reaction=REACTION).outcomes
+        wanted = {task: [end for end in own if _is_wanted(end, due)] for task, own in outcomes.items()}
+        found[one.name] = {
+            task: round(fmean(_is_missed(end, due) for end in own), 4) for task, own in wanted.items() if own
+        }
     return found
+
+
+def _is_wanted(end: Outcome, due: Schedule) -> bool:
+    return due.wants(end.work.task, end.work.at - end.work.transit)
+
+
+def _is_missed(end: Outcome, due: Schedule) -> bool:
+    return end.fate is not Fate.DONE or end.response > due.deadlines.get(end.work.task, math.inf)

@@ -89,10 +89,12 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
     *,
     until: float,
     deadlines: Mapping[str, float] | None = None,
+    reaction: float = REACTION,
 ) -> Forecast:
     """Predict a run whose plans are known.
 
-    Of a task on several nodes, the first node counts. `deadlines` in seconds replace those of policy and profiles.
+    Of a task on several nodes, the first node counts. `deadlines` in seconds replace those of policy and profiles,
+    `reaction` is seconds from a plan to the cgroup.
     """
     plans = [plan for plan in plans if plan.nodes]
     notes: list[str] = []
@@ -103,7 +105,7 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
     fair = policy.enforcement.scheduler is Scheduler.CFS
     phases = 1 if fair and policy.enforcement.control is not Control.LIMIT else PHASES
     for name, node in nodes.items():
-        changes = [_change(policy, plan, name, node.tasks) for plan in plans]
+        changes = [_change(policy, plan, name, node.tasks, reaction) for plan in plans]
         own = [work for work in arrivals if homes[work.task] == name]
         for phase in range(phases):
             server = Server(node.cores, node.workers(), _period(policy), phase / phases * _period(policy))
@@ -222,7 +224,7 @@ def _period(policy: Policy) -> float:
     return policy.enforcement.period if policy.enforcement.scheduler is Scheduler.REALTIME else PERIOD
 
 
-def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str]) -> Change:
+def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str], reaction: float) -> Change:
     """A plan's allowances, when the kernel has them; the first plan is in force from the start.
 
     A realtime budget is one of each processor, and modules have threads enough to use them all.
@@ -233,7 +235,7 @@ def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str]) -> Ch
         share = own.containers.get(task, own.shares.get(task, 0)) / 1000 if own else 0.0
         cap = own.caps.get(task) if own else None
         allowances[task] = _allowance(policy, task, share, suspended=plan.tasks[task].suspended, cap=cap)
-    return Change(plan.time + REACTION if plan.time > 0 else 0.0, allowances)
+    return Change(plan.time + reaction if plan.time > 0 else 0.0, allowances)
 
 
 def _allowance(policy: Policy, task: str, share: float, *, suspended: bool, cap: int | None) -> Allowance:
