@@ -8,12 +8,13 @@ about them as well: elsewhere others come first.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import mean
 from typing import TYPE_CHECKING, Any
 
 from robotkit.accuracy import Event, match_events
 from timelines.experiments.metrics import contexts
+from timelines.experiments.tasks import inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -51,10 +52,11 @@ class Judge:
 
     def accuracy(self, run: RunData) -> dict[str, Accuracy]:
         """Of each task that published anything that can be judged, and of `context: task`."""
-        judged = {task: judge(self, run) for task, judge in _JUDGES.items() if task in self.schedule.inputs}
+        own = {task: _from_its_begin(run, task) for task in self.schedule.inputs}
+        judged = {task: judge(self, own[task]) for task, judge in _JUDGES.items() if task in own}
         for context, task in contexts(self.schedule).items():
             if task in _EVENTS:
-                judged[f"{context}: {task}"] = _EVENTS[task](self, run, context)
+                judged[f"{context}: {task}"] = _EVENTS[task](self, own[task], context)
         return {task: found for task, found in judged.items() if found is not None}
 
     def truths(self, key: str) -> Iterator[Any]:
@@ -68,6 +70,12 @@ class Judge:
     def counts(self, at: float, context: str | None) -> bool:
         """Whether a moment is in a context; any is where none is given."""
         return context is None or any(one.begin <= at < one.end for one in self.schedule.windows if one.name == context)
+
+
+def _from_its_begin(run: RunData, task: str) -> RunData:
+    """The run as the task saw it: where each task was played by itself, its inputs began later than the run."""
+    begins = [run.starts[key] for key in inputs_of(task).values() if key in run.starts]
+    return replace(run, started=begins[0]) if begins else run
 
 
 def _poses(judge: Judge, run: RunData) -> Accuracy | None:

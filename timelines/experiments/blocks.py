@@ -6,11 +6,11 @@ import random
 from typing import TYPE_CHECKING, NamedTuple
 
 from timelines.experiments.configurations import (
-    ADAPTIVE,
     ALONE,
     FACTORS,
     FIRST_LAW,
     PAPERS,
+    VARIANTS,
     VPA,
     Configuration,
 )
@@ -42,9 +42,8 @@ class Part(NamedTuple):
 PLAN: Sequence[Part] = (
     Part(HEAVY, HELD_OUT, (ALONE,), ALONE_BLOCKS),
     Part(HEAVY, HELD_OUT, FACTORS, 10),
-    Part(LIGHT, HELD_OUT, (ALONE,), 1),
     Part(LIGHT, HELD_OUT, FIRST_LAW, 10),
-    Part(HEAVY, HELD_OUT, ADAPTIVE, 3),
+    Part(HEAVY, HELD_OUT, VARIANTS, 3),
     Part(PAPERS_LOAD, PAPER, PAPERS, 3),
     Part(HEAVY, HELD_OUT, (VPA,), 3),
 )

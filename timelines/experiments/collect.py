@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from timelines.experiments.raw_data import RunData
 
 FRAMES = "robot/camera/stereo"
+TRUSTED = ("tracking", "degraded")
+"""States in which SLAM knows a pose (modules/slam/slam.py)."""
 HEEDED = 0.5
 """Seconds after which a suspended module has received the plan, and finished the input that it was working on."""
 FEW = 10
@@ -35,9 +37,9 @@ TOO_LATE, SELDOM = 0.2, 0.01
 def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, Accuracy]) -> Record:
     """The record of a run.
 
-    DeployError if not all that was due was published, or too late, or if what was decided was not heeded.
+    DeployError if not all that was due was published, or too late. What the policy or the modules did wrong does not
+    make a run invalid: it is kept with the run, and its misses count.
     """
-    _check_decisions(trial, run, schedule)
     _check_log(trial, run, schedule)
     for key in _taken(schedule):
         published, due = len(run.published.get(key, ())), len(schedule.keys[key])
@@ -54,36 +56,33 @@ def record(trial: Trial, run: RunData, schedule: Schedule, judged: Mapping[str, 
             task: {name: _column(run, schedule, task, name) for name in own} for task, own in schedule.inputs.items()
         },
         late=late,
-        about={**run.about["about"], "finished": _finished(run)},
+        about={**run.about["about"], "finished": _finished(run), "violations": [*_violations(trial, run, schedule)]},
         plans=_plans(run),
         used={name: _used(run, name) for name in sorted(run.counters)},
         commands=list(_commands(run)),
         stops=list(_stops(run, schedule)),
         accuracy={task: _plain(one) for task, one in judged.items()},
+        trusted=_trusted(run),
     )
 
 
-def _check_decisions(trial: Trial, run: RunData, schedule: Schedule) -> None:
-    """DeployError where gating or contexts had no effect: the run would count for a configuration that it was not."""
+def _violations(trial: Trial, run: RunData, schedule: Schedule) -> Iterator[str]:
+    """Where gating or contexts had no effect."""
     if trial.configuration.gated or trial.configuration.contextual:
-        _check_contexts(trial, run, schedule)
+        due = {name for window in schedule.windows for name in window.contexts}
+        yield from (f"no plan had {name}" for name in sorted(due - _planned(run)))
     for task, own in schedule.inputs.items():
         away = [(begin + HEEDED, end) for begin, end in run.away(task)]
         for name, key in own.items():
             inside = [one for one in run.published.get(key, ()) if any(a <= one / 1e9 < b for a, b in away)]
             done = sum(one in run.done[task, name] for one in inside)
             if len(inside) >= FEW and 2 * done > len(inside):
-                raise DeployError(f"{trial}: {task} did {done} of {len(inside)} inputs while it was suspended")
+                yield f"{task} did {done} of {len(inside)} inputs while it was suspended"
 
 
-def _check_contexts(trial: Trial, run: RunData, schedule: Schedule) -> None:
-    """DeployError if the policy did not see each context of the story, as the simulation does."""
-    if not run.plans:
-        raise DeployError(f"{trial}: no plan was received")
-    due = {name for window in schedule.windows for name in window.contexts}
-    unseen = sorted(due - {name for plan in run.plans for name in plan["contexts"]})
-    if unseen:
-        raise DeployError(f"{trial}: no plan had {', '.join(unseen)}")
+def _planned(run: RunData) -> set[str]:
+    """The contexts that the policy saw."""
+    return {name for plan in run.plans for name in plan["contexts"]}
 
 
 def _check_log(trial: Trial, run: RunData, schedule: Schedule) -> None:
@@ -124,6 +123,12 @@ def _lateness(run: RunData, schedule: Schedule) -> dict[str, list[int]]:
 def _taken(schedule: Schedule) -> list[str]:
     """The keys that some task takes."""
     return sorted({key for own in schedule.inputs.values() for key in own.values()})
+
+
+def _trusted(run: RunData) -> str:
+    """A letter for each frame: 1 if a pose that SLAM trusts came of it, else 0."""
+    poses = {int(one.value["stamp"]) for one in run.results.get(POSE, ()) if one.value.get("state") in TRUSTED}
+    return "".join("1" if stamp in poses else "0" for stamp in run.published.get(FRAMES, ()))
 
 
 def _finished(run: RunData) -> float:

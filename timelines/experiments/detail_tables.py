@@ -125,7 +125,7 @@ def _hit(runs: Sequence[Run], task: str) -> float:
 def doubts(evidence: Evidence) -> str:
     """A line for each reason to doubt the runs. Empty without any."""
     every = [one for blocks in evidence.runs.values() for one in blocks.values()]
-    return "".join((*_given_up(every), *_begun_again(every), *_mixed(every)))
+    return "".join((*_given_up(every), *_begun_again(every), *_violated(every), *_mixed(every)))
 
 
 def _given_up(every: Iterable[Record]) -> Iterator[str]:
@@ -142,6 +142,12 @@ def _begun_again(every: Iterable[Record]) -> Iterator[str]:
         if failures := one.about["failures"]:
             reasons = "; ".join(dict.fromkeys(" ".join(reason.split()) for reason in failures))
             yield f"- {_name(one)}: begun {len(failures) + 1} times: {reasons}.\n"
+
+
+def _violated(every: Iterable[Record]) -> Iterator[str]:
+    for one in every:
+        if violations := one.about["violations"]:
+            yield f"- {_name(one)}: counted as it was, though {'; '.join(violations)}.\n"
 
 
 def _mixed(every: Iterable[Record]) -> Iterator[str]:

@@ -12,7 +12,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT
-from timelines.experiments.configurations import ALONE, LINUX, LINUX_GATED, WEIGHTS, WEIGHTS_GATED
+from timelines.experiments.configurations import (
+    ALONE,
+    LINUX,
+    STATIC,
+    STATIC_GATED,
+    WEIGHTS,
+    WEIGHTS_GATED,
+)
 from timelines.experiments.metrics import NEVER
 
 if TYPE_CHECKING:
@@ -59,13 +66,13 @@ GOALS: Sequence[Goal] = (
         offset=-2 * POINT,
     ),
     Goal(
-        "no critical or protected task loses more than 2 points of accuracy",
-        *(HEAVY, WEIGHTS_GATED.name, LINUX_GATED.name, "accuracy"),
+        "no critical or protected task is more than 2 points less accurate than alone",
+        *(HEAVY, WEIGHTS_GATED.name, ALONE.name, "accuracy"),
         offset=-2 * POINT,
     ),
     Goal(
-        "no critical or protected task loses more than 2 points of coverage",
-        *(HEAVY, WEIGHTS_GATED.name, LINUX_GATED.name, "coverage"),
+        "no critical or protected task covers more than 2 points less than alone",
+        *(HEAVY, WEIGHTS_GATED.name, ALONE.name, "coverage"),
         offset=-2 * POINT,
     ),
     Goal(
@@ -75,8 +82,23 @@ GOALS: Sequence[Goal] = (
         at_least=False,
     ),
     Goal(
+        "the worst context hits at least 5 points more than under tuned static weights (gated)",
+        *(HEAVY, WEIGHTS_GATED.name, STATIC_GATED.name, "worst context"),
+        offset=5 * POINT,
+    ),
+    Goal(
+        "the worst context hits at least 5 points more than under tuned static weights (nothing suspended)",
+        *(HEAVY, WEIGHTS.name, STATIC.name, "worst context"),
+        offset=5 * POINT,
+    ),
+    Goal(
         "first law: nobody that runs hits more than a point less",
         *(LIGHT, WEIGHTS_GATED.name, LINUX.name, "hit rate"),
+        offset=-POINT,
+    ),
+    Goal(
+        "first law: nobody hits more than a point less (nothing suspended)",
+        *(LIGHT, WEIGHTS.name, LINUX.name, "hit rate"),
         offset=-POINT,
     ),
     Goal(

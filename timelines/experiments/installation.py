@@ -88,6 +88,8 @@ def install(configuration: Configuration) -> None:
     The bus is closed in any case: the agent needs it so, and encryption takes CPU that all have to pay alike.
     """
     settings = ["agent.enabled=true"] * configuration.agent
+    if configuration.settle is not None:
+        settings.append(f"agent.settleSeconds={configuration.settle:g}")
     deploy.install_operator(*settings, closed=True)
 
 

@@ -37,5 +37,10 @@ def whole_here(reference: Run, play: Callable[[float], Run]) -> float:
     )
 
 
+def beside(run: Run) -> float:
+    """The part of its undisturbed speed that a processor had in a run: limits hand out CPU time of that speed."""
+    return run.speed / float(run.record.about["undisturbed"])
+
+
 def _work(run: Run, reference: Run) -> float:
     return cpu_per_input(Pair(run.schedule, run.record, reference.record))["all tasks"].value

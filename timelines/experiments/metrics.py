@@ -27,10 +27,11 @@ POINTS_PER_METRE = 2.0
 
 
 class Case(NamedTuple):
-    """A value, and the one that it is compared with."""
+    """A value, and the one that it is compared with; `due` is how many inputs or events they are of."""
 
     value: float
     base: float
+    due: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,8 @@ class Pair:
 
     def both(self, measure: Callable[..., float], *what: str) -> Case:
         """A measure of both, of a task or of a task in a context."""
-        return Case(measure(Run(self.schedule, self.record), *what), measure(Run(self.schedule, self.base), *what))
+        own, base = Run(self.schedule, self.record), Run(self.schedule, self.base)
+        return Case(measure(own, *what), measure(base, *what), own.tally(*what).due)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,14 @@ class Run:
         """The same, counted."""
         return Tally.of(one.ending for one in self.wanted(task, context, onset=onset))
 
+    def covered(self, task: str, context: str | None = None) -> float:
+        """The part of what its context wants that was done at all; of SLAM's frames, with a pose that it trusts."""
+        if task != "slam" or not self.record.trusted:
+            return self.tally(task, context).coverage
+        due = zip(self.schedule.of(task), self.record.trusted, strict=True)
+        letters = [letter for one, letter in due if one.wanted and context in (None, one.context)]
+        return letters.count("1") / len(letters) if letters else math.nan
+
     def p99(self, task: str) -> float:
         """Seconds, at most NEVER."""
         return min(quantile(self.wanted(task), 0.99), NEVER)
@@ -97,6 +107,12 @@ def critical_hits(pair: Pair) -> dict[str, Case]:
     return {f"{context}: {task}": pair.both(_hit, task, context) for context, task in contexts(pair.schedule).items()}
 
 
+def worst_context(pair: Pair) -> dict[str, Case]:
+    """The same where it is least, in whichever context that is."""
+    found = critical_hits(pair).values()
+    return {"worst context": Case(min(one.value for one in found), min(one.base for one in found))} if found else {}
+
+
 def hits(pair: Pair) -> dict[str, Case]:
     """The same of every task, over the whole story."""
     return {task: pair.both(_hit, task) for task in _asked(pair)}
@@ -110,9 +126,9 @@ def slowest(pair: Pair) -> dict[str, Case]:
 def coverage(pair: Pair) -> dict[str, Case]:
     """The part that was done at all: of the critical task in its context, and of the protected ones throughout."""
     critical = {
-        f"{context}: {task}": pair.both(_covered, task, context) for context, task in contexts(pair.schedule).items()
+        f"{context}: {task}": pair.both(Run.covered, task, context) for context, task in contexts(pair.schedule).items()
     }
-    protected = {task: pair.both(_covered, task) for task in PROTECTED if task in pair.schedule.inputs}
+    protected = {task: pair.both(Run.covered, task) for task in PROTECTED if task in pair.schedule.inputs}
     return critical | protected
 
 
@@ -126,7 +142,7 @@ def accuracy(pair: Pair) -> dict[str, Case]:
     apart = {task for name, task in own.items() if name in both}
     judged = own.keys() | ({*PROTECTED, *own.values()} - apart)
     return {
-        task: Case(_rate(pair.record.accuracy.get(task)), _rate(pair.base.accuracy.get(task)))
+        task: Case(_rate(pair.record.accuracy.get(task)), _rate(pair.base.accuracy.get(task)), _events(pair, task))
         for task in sorted(judged & both)
     }
 
@@ -145,15 +161,18 @@ def _hit(run: Run, task: str, context: str | None = None) -> float:
     return run.tally(task, context).hit
 
 
-def _covered(run: Run, task: str, context: str | None = None) -> float:
-    return run.tally(task, context).coverage
-
-
 def _rate(judged: Sequence[Any] | None) -> float:
+    """From 0 to 1: nothing is worse than no result."""
     if judged is None:
         return 0.0
     _, value, unit, *_ = judged
-    return 1 - POINTS_PER_METRE * float(value) if unit == "m" else float(value) / 100
+    return max(0.0, 1 - POINTS_PER_METRE * float(value)) if unit == "m" else float(value) / 100
+
+
+def _events(pair: Pair, task: str) -> float:
+    """How many signs, commands or states were judged; a trajectory is one."""
+    judged = pair.base.accuracy.get(task) or pair.record.accuracy[task]
+    return 1.0 if judged[2] == "m" else float(judged[3])
 
 
 def _asked(pair: Pair) -> list[str]:
@@ -163,6 +182,7 @@ def _asked(pair: Pair) -> list[str]:
 
 METRICS: Mapping[str, Callable[[Pair], dict[str, Case]]] = {
     "critical hit rate": critical_hits,
+    "worst context": worst_context,
     "hit rate": hits,
     "p99": slowest,
     "coverage": coverage,

@@ -5,16 +5,17 @@ from __future__ import annotations
 import datetime as dt
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial, seconds_left
-from timelines.experiments.capacity import Capacity
+from timelines.experiments.capacity import Capacity, Machine
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
 from timelines.experiments.halving import candidates, halved
-from timelines.experiments.machine import whole_here
+from timelines.experiments.machine import beside, whole_here
 from timelines.experiments.metrics import Run
-from timelines.experiments.predictions import predict
+from timelines.experiments.predictions import predict, slowed_down
 from timelines.experiments.record import RecordError, block, records, write_whole
 from timelines.experiments.stories import HELD_OUT, STORIES, TUNING
 from timelines.experiments.workbench import Setting, own_deadlines
@@ -87,15 +88,17 @@ class Preparation:
             began = f"{dt.datetime.now(tz=dt.UTC):%Y%m%d-%H%M%S}"
 
             def play(whole: float) -> Run:
-                self._bench.whole = whole
+                self._bench.machine = Machine(whole)
                 place = f"machine/{began}-{len(runs) + 1}"
                 runs[place] = self._each_alone(setting, TUNING[0], place)
                 return runs[place]
 
             whole = whole_here(self._reference(setting), play)
-            self._progress.say(f"here a whole processor is {whole:.0f} turns a second")
             self._keep(f"machine-{began}", runs.values())
             self._measured = list(runs.items())[-1]
+            self._bench.machine = machine = Machine(whole, beside(self._measured[1]))
+            kept = f"beside the tasks {machine.beside:.0%} of what it does undisturbed"
+            self._progress.say(f"here a whole processor is {whole:.0f} turns a second, and {kept}")
         return self._measured
 
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
@@ -124,11 +127,12 @@ class Preparation:
     def predicted(self, frozen: Frozen) -> dict[str, Any]:
         """What is predicted of each held-out story, and the profiles that this is computed from."""
         place, run = self.measured(frozen)
-        profiles, capacity = self._bench.profiles(place, _alone(TUNING[0])), settings(frozen)[HEAVY].capacity
-        misses = {}
+        profiles, setting = self._bench.profiles(place, _alone(TUNING[0])), settings(frozen)[HEAVY]
+        slow, misses = slowed_down(parse_profiles(profiles), setting.capacity.part / run.speed), {}
         for story in HELD_OUT:
             policy, timeline = installation.policy_document(story), load(self._bench.folders.timeline(story))
-            misses[story.name] = predict(policy, timeline, profiles, capacity, run.speed)
+            due = self._bench.schedule(story, setting.deadlines)
+            misses[story.name] = predict(policy, timeline, due, slow, setting.capacity)
         return {"misses": misses, "profiles": profiles}
 
     def _alone(self, setting: Setting, stories: Sequence[Story]) -> list[Run]:

@@ -29,14 +29,24 @@ def by_context(schedules: Iterable[Schedule]) -> dict[str, str]:
 
 
 def critical(runs: Sequence[Run], context: str, task: str) -> Interval | None:
-    """The critical task's hit rate in a context, over blocks: each run that has the context is one value."""
-    values = [run.tally(task, context).hit for run in runs if context in contexts(run.schedule)]
-    return bootstrap(values) if values else None
+    """The critical task's hit rate in a context."""
+    return _by_block([run for run in runs if context in contexts(run.schedule)], task, context)
 
 
 def whole(runs: Sequence[Run], task: str) -> Interval | None:
     """A task's hit rate over whole stories."""
-    values = [tally.hit for run in runs if task in run.schedule.inputs and (tally := run.tally(task)).due]
+    return _by_block([run for run in runs if task in run.schedule.inputs], task)
+
+
+def _by_block(runs: Sequence[Run], task: str, context: str | None = None) -> Interval | None:
+    """A hit rate over blocks: what was due in all stories of a block is one value. None where nothing was."""
+    tallies: dict[int, list[Tally]] = {}
+    for run in runs:
+        tallies.setdefault(run.record.block, []).append(run.tally(task, context))
+    due = {block: sum(one.due for one in own) for block, own in tallies.items()}
+    values = [
+        sum(one.count(Ending.IN_TIME) for one in own) / due[block] for block, own in tallies.items() if due[block]
+    ]
     return bootstrap(values) if values else None
 
 

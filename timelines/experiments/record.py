@@ -72,6 +72,7 @@ class Record:
     container's CPU so far, in milliseconds, once a second. `commands` has [frame's number, latency] of the wheel
     commands that followed a pose, `stops` [number, latency] of those that followed a spoken "stop", from its end on.
     `accuracy` has [measure, value, unit, how many were judged, whether more is better] by task, and by `context: task`.
+    `trusted` has a letter for each frame: 1 where SLAM trusted its pose, else 0.
     """
 
     load: str
@@ -86,6 +87,7 @@ class Record:
     commands: Sequence[Sequence[int]] = ()
     stops: Sequence[Sequence[int]] = ()
     accuracy: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    trusted: str = ""
 
     def ended(self, schedule: Schedule, task: str, deadline: float) -> list[Ended]:
         """How a task's inputs ended, in the order of `Schedule.of`."""

@@ -97,12 +97,14 @@ def _claim(found: Sequence[Verdict]) -> str:
     """What the goals say, in one sentence each way."""
     met = [one for one in found if one.met]
     missed = [one for one in found if one.met is False]
-    decided = len(met) + len(missed)
+    unshown = [one for one in found if one.met is None and one.enough]
+    decided = len(met) + len(missed) + len(unshown)
     if not decided:
         return "No goal has been decided yet."
     said = f"**{len(met)} of {decided} goals that are decided are met**"
     open_ = len(found) - decided
     rest = [f"missed: {'; '.join(one.goal.name for one in missed)}"] if missed else []
+    rest += [f"neither met nor missed for sure: {'; '.join(one.goal.name for one in unshown)}"] if unshown else []
     rest += [f"not measured, or in too few blocks: {open_}"] if open_ else []
     return f"{said} ({'; '.join(rest)})." if rest else f"{said}."
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.streams.timeline import Timeline
     from timelines.experiments.blocks import Trial
-    from timelines.experiments.capacity import Capacity
+    from timelines.experiments.capacity import Capacity, Machine
 
 PROFILE = "robot/*/profile"
 SETTLING = 2.0
@@ -55,14 +55,13 @@ BACKLOG = 2
 class Conditions:
     """What a run happens under: its timeline and recordings, and what the tasks share.
 
-    `whole` is what counts as a whole processor here, in turns a second. `weights` are the searched ones, for a
-    configuration that has static weights. `code` is the commit that runs.
+    `weights` are the searched ones, for a configuration that has static weights. `code` is the commit that runs.
     """
 
     timeline: Path
     datasets: Path
     capacity: Capacity
-    whole: float
+    machine: Machine
     weights: Mapping[str, int]
     code: str
 
@@ -72,8 +71,10 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     wait_until_calm()  # what stops or starts on the other processors slows this one
-    undisturbed = speed(min(confine.first(conditions.capacity.processors))) / conditions.whole
-    installation.start_robot(trial, conditions.weights, undisturbed, folder)
+    machine = conditions.machine
+    undisturbed = speed(min(confine.first(conditions.capacity.processors))) / machine.whole
+    there = undisturbed * machine.beside
+    installation.start_robot(trial, conditions.weights, there, folder)
     try:
         with (
             installation.session("sensor") as sensors,
@@ -83,9 +84,9 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
             heard.wait_until_ready(tasks_of(trial.story))
             gate: AbstractContextManager[object] = Gate(viewer) if trial.configuration.relayed else nullcontext()
             with gate:
-                installation.decide(trial, conditions.capacity, undisturbed, folder)
+                installation.decide(trial, conditions.capacity, there, folder)
                 found = _Recording(trial, conditions, sensors, viewer, heard).make(folder)
-        found["about"]["undisturbed"] = round(undisturbed, 3)
+        found["about"] |= {"undisturbed": round(undisturbed, 3), "beside": round(machine.beside, 3)}
         write_whole(folder / RUN, json.dumps(found).encode())
     finally:
         installation.stop_robot()
@@ -141,7 +142,7 @@ class _Recording:
         with (
             confine.keep_off(processors),
             as_service(cgroups.values()),
-            slowed(capacity.part * self._conditions.whole, processors) as thieves,
+            slowed(capacity.part * self._conditions.machine.whole, processors) as thieves,
             McapWriter(folder / MESSAGES) as file,
         ):
             parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
@@ -164,7 +165,7 @@ class _Recording:
             "code": self._conditions.code,
             "load": calm,
             "capacity": list(capacity),
-            "whole": round(self._conditions.whole),
+            "whole": round(self._conditions.machine.whole),
             "pace": thieves.pace()._asdict(),
             "seconds": round(took, 2),
             "cpu": account.spent,

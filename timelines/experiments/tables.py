@@ -63,6 +63,8 @@ def goals(found: Iterable[Verdict]) -> str:
 
 
 def _word(found: Verdict) -> str:
+    if found.met is None and found.enough:
+        return "not shown"
     if found.met is None:
         return "too few blocks" if found.cases else "not measured"
     return "met" if found.met else "**missed**"

@@ -10,7 +10,7 @@ from timelines.experiments.metrics import METRICS
 from timelines.experiments.paired import Interval, bootstrap, holm, sign_flip
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from timelines.experiments.evidence import Evidence
     from timelines.experiments.metrics import Case
@@ -39,9 +39,9 @@ class Verdict(NamedTuple):
 
     @property
     def met(self) -> bool | None:
-        """None where nothing was measured, or too little to decide; what surely falls short is missed."""
-        if self.enough:
-            return self.probability <= SIGNIFICANT
+        """None where nothing was measured, or nothing is shown either way; what surely falls short is missed."""
+        if self.probability <= SIGNIFICANT:
+            return True
         return False if any(_falls_short(case.gain) for case in self.cases) else None
 
     @property
@@ -70,7 +70,7 @@ def _enough(cases: Sequence[Judged], goals: Sequence[Goal]) -> bool:
 
 
 def judged(evidence: Evidence, goal: Goal) -> list[Judged]:
-    """Each case of a goal. The block is the unit: its stories are averaged."""
+    """Each case of a goal. The block is the unit: its stories count by what is due in them."""
     found: dict[str, dict[int, list[Case]]] = {}
     for block, pair in evidence.pairs(goal.load, goal.configuration, goal.against):
         for name, case in METRICS[goal.metric](pair).items():
@@ -79,12 +79,11 @@ def judged(evidence: Evidence, goal: Goal) -> list[Judged]:
 
 
 def _judged(goal: Goal, name: str, blocks: Mapping[int, Sequence[Case]]) -> Judged:
-    gains = [fmean(goal.gain(*case) for case in cases) for cases in blocks.values()]
+    gains = [_mean([goal.gain(case.value, case.base) for case in cases], cases) for cases in blocks.values()]
     every = [case for cases in blocks.values() for case in cases]
-    value, base = _means(every)
+    value, base = (_mean([case[place] for case in every], every) for place in (0, 1))
     return Judged(name, value, base, bootstrap(gains), sign_flip(gains))
 
 
-def _means(cases: Iterable[Case]) -> tuple[float, float]:
-    values, bases = zip(*cases, strict=True)
-    return fmean(values), fmean(bases)
+def _mean(values: Sequence[float], cases: Sequence[Case]) -> float:
+    return fmean(values, [case.due for case in cases])

@@ -12,7 +12,7 @@ from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import WHOLE, Capacity
+from timelines.experiments.capacity import Capacity, Machine
 from timelines.experiments.code_version import code_version
 from timelines.experiments.evidence import ENDING
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
@@ -63,16 +63,13 @@ class Setting:
 
 
 class Workbench:
-    """Does single runs, none of them twice: what is finished is read again.
-
-    `whole` is what counts as a whole processor on this machine, in turns a second.
-    """
+    """Does single runs, none of them twice: what is finished is read again. `machine` is how fast this one is."""
 
     def __init__(self, folders: Folders) -> None:
         self.folders = folders
-        self.whole = WHOLE
+        self.machine = Machine()
         self.took: dict[str, tuple[float, float]] = {}
-        self._agent: bool | None = None  # nothing is installed
+        self._installed: tuple[bool, float | None] | None = None  # nothing is
         self._schedules: dict[str, Schedule] = {}
         self._code = code_version(deploy.REPOSITORY)  # now, since what is edited later is not what runs
 
@@ -111,7 +108,7 @@ class Workbench:
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
         began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
-        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, self.whole, weights, self._code)
+        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, self.machine, weights, self._code)
         found, failures = self._tried(trial, conditions, folder, due)
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))
@@ -133,7 +130,7 @@ class Workbench:
                     execute(trial, conditions, folder)
                 return self._understood(trial, conditions.timeline, folder, due), failures
             except Exception as error:  # whatever it is: one run must not end a night of them
-                self._agent = None  # everything is installed again, whatever was there
+                self._installed = None  # everything is installed again, whatever was there
                 (folder / RUN).unlink(missing_ok=True)  # what can't be understood is played again
                 failures.append(f"{type(error).__name__}: {error}"[:LONGEST])
                 broken += not isinstance(error, DisturbedError)
@@ -142,15 +139,15 @@ class Workbench:
 
     def _understood(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
         run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
-        judged = {} if trial.configuration.alone else judge.accuracy(run)
-        return collect.record(trial, run, due, judged)
+        return collect.record(trial, run, due, judge.accuracy(run))
 
     def _install(self, trial: Trial) -> None:
         """Install the operator again only where another configuration needs it otherwise."""
-        if self._agent is not trial.configuration.agent:
+        wanted = trial.configuration.agent, trial.configuration.settle
+        if self._installed != wanted:
             installation.stop_robot()
             installation.install(trial.configuration)
-            self._agent = trial.configuration.agent
+            self._installed = wanted
 
     def _timeline(self, trial: Trial) -> Path:
         return self.folders.timeline(trial.story)

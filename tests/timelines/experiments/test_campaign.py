@@ -12,6 +12,7 @@ from dataclasses import replace
 import pytest
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run
+from tests.timelines.experiments.test_predictions import MEASURED
 from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
@@ -392,9 +393,9 @@ def test_a_machine_is_not_measured_without_the_calibration_that_it_is_compared_w
 
 def test_what_is_predicted_from_is_the_run_of_this_machine(monkeypatch, tmp_path):
     bench = calibrated_before(tmp_path)
-    monkeypatch.setattr(bench, "profiles", lambda *_: {"the": "profiles"})
+    monkeypatch.setattr(bench, "profiles", lambda *_: MEASURED)
     monkeypatch.setattr(prepare, "HELD_OUT", ())
-    assert Preparation(bench, Lines(), lambda _: True).predicted(FOUND)["profiles"] == {"the": "profiles"}
+    assert Preparation(bench, Lines(), lambda _: True).predicted(FOUND)["profiles"] == MEASURED
     assert [name for name, *_ in bench.done] == ["errand-alone"]
 
 

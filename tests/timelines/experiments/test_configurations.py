@@ -19,6 +19,7 @@ from timelines.experiments.configurations import (
     LINUX_GATED,
     STATIC,
     STATIC_GATED,
+    STRICTER,
     VPA,
     WEIGHTS,
     WEIGHTS_GATED,
@@ -86,6 +87,18 @@ def test_a_plan_that_is_only_reported_reaches_the_modules_as_one_that_is_carried
 def test_weights_have_no_max_and_limits_do():
     assert not any("max" in task for task in variant(WEIGHTS_GATED)["spec"]["tasks"])
     assert all("max" in task for task in variant(LIMITS_GATED)["spec"]["tasks"])
+
+
+def weights(configuration, policy):
+    contexts = variant(configuration, POLICIES[policy])["spec"]["contexts"]
+    return [change["weight"] for one in contexts for change in one["tasks"].values() if "weight" in change]
+
+
+def test_limits_hold_the_critical_task_above_the_others_by_more():
+    """A limit leaves it nothing of what they do not use; the paper's policy is written for limits."""
+    assert weights(WEIGHTS_GATED, "mission") == [100] * 4
+    assert weights(LIMITS_GATED, "mission") == [100 * STRICTER] * 4
+    assert weights(LIMITS_GATED, "paper") == weights(WEIGHTS_GATED, "paper")
 
 
 def test_a_policy_divides_what_its_load_has():

@@ -22,8 +22,8 @@ from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import WHOLE, Capacity
-from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS
+from timelines.experiments.capacity import WHOLE, Capacity, Machine
+from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS, WEIGHTS_AT_ONCE
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
 from timelines.experiments.run import Conditions, TimelineSource, execute
@@ -96,7 +96,7 @@ def at_pace(pace, _):
 def conditions(tmp_path):
     timeline = tmp_path / "short.json"
     timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    return Conditions(timeline, tmp_path, Capacity(1, 1.0), WHOLE, {}, "abc1234")
+    return Conditions(timeline, tmp_path, Capacity(1, 1.0), Machine(WHOLE, 0.9), {}, "abc1234")
 
 
 def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
@@ -110,7 +110,16 @@ def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
     assert kept.about["drained"]
     assert kept.about["finished"] > 0
     assert kept.about["code"] == "abc1234"
+    assert kept.about["beside"] == 0.9
     assert "weights" not in kept.about
+
+
+def test_limits_are_of_the_speed_that_a_processor_has_beside_the_tasks(node, monkeypatch, tmp_path):  # noqa: ARG001
+    told: list[float] = []
+    monkeypatch.setattr(run_module, "speed", lambda _: 2 * WHOLE)
+    monkeypatch.setattr(installation, "decide", lambda _, __, there, ___: told.append(there))
+    execute(TRIAL, conditions(tmp_path), tmp_path / "run")
+    assert told == [pytest.approx(1.8)]
 
 
 def test_a_run_with_static_weights_has_them(node, tmp_path):  # noqa: ARG001
@@ -231,6 +240,8 @@ def test_the_bus_is_the_same_with_and_without_the_agent(monkeypatch):
     assert "security.namespaces={robot}" in without
     assert with_agent - without == {"agent.enabled=true", "agent.podLogs=/var/log/pods"}
     assert without <= with_agent
+    installation.install(WEIGHTS_AT_ONCE)
+    assert {word for word in said[-1] if "=" in word} - with_agent == {"agent.settleSeconds=2"}
 
 
 def test_a_policy_that_stays_ends_the_run(monkeypatch):
