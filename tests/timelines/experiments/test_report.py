@@ -26,7 +26,7 @@ def text(out):
 
 def test_the_claim_comes_first_and_fits_two_pages(text):
     assert text.index("goals that are decided are met") < text.index("## Heavy load")
-    assert len(text.split()) < 1500
+    assert sum(any(letter.isalnum() for letter in word) for word in text.split()) < 1400
 
 
 def test_a_goal_that_ten_blocks_agree_on_is_met(text):
