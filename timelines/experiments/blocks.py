@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from timelines.experiments.configurations import (
     ALONE,
+    DIVISIONS,
     FACTORS,
     FIRST_LAW,
     PAPERS,
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 SEED = 20_261_126
 LIGHT, HEAVY, PAPERS_LOAD = "light", "heavy", "paper"
 """The loads; the paper's stories ask for less at a time, and have a heavy one of their own."""
+SWEEP: Sequence[str] = ("1.1", "1.25", "1.6")
+"""Loads around the heavy one, to see from which one on contexts are needed."""
 START = 17.0
 """Seconds to start and stop the robot's pods and to wait until all is quiet, before any run has shown it."""
 ALONE_BLOCKS = 2
@@ -43,6 +46,7 @@ PLAN: Sequence[Part] = (
     Part(HEAVY, HELD_OUT, (ALONE,), ALONE_BLOCKS),
     Part(HEAVY, HELD_OUT, FACTORS, 10),
     Part(LIGHT, HELD_OUT, FIRST_LAW, 10),
+    *(Part(load, HELD_OUT, DIVISIONS, 3) for load in SWEEP),
     Part(HEAVY, HELD_OUT, VARIANTS, 3),
     Part(PAPERS_LOAD, PAPER, PAPERS, 3),
     Part(HEAVY, HELD_OUT, (VPA,), 3),

@@ -11,7 +11,7 @@ from itertools import pairwise
 from statistics import fmean, median
 from typing import TYPE_CHECKING
 
-from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.metrics import contexts
 from timelines.experiments.stories import PROTECTED
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from timelines.experiments.accounting import Ended
     from timelines.experiments.metrics import Run
 
-LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4}
+LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4, **{load: float(load) for load in SWEEP}}
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
@@ -105,6 +105,11 @@ def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 
     needed = max(sum(wanted.values()) / LOADS[load], least / ROOM)
     processors = min(max(math.ceil(needed - SLIGHT), 1), cores)
     return Capacity(processors, round(min(1.0, max(SLOWEST, needed / processors)), 3))
+
+
+def swept(load: str, heavy: Capacity, asked: float) -> Capacity:
+    """As many processors as under heavy load, of which the tasks want so much, slowed less or more."""
+    return Capacity(heavy.processors, round(heavy.part * asked / LOADS[load], 3))
 
 
 def deadline(own: float, ended: Sequence[Ended]) -> float:

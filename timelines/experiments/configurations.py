@@ -154,6 +154,8 @@ FACTORS: Sequence[Configuration] = (
     *(WEIGHTS, WEIGHTS_GATED, LIMITS, LIMITS_GATED, RESIZED),
 )
 """Under heavy load: with and without gating, four divisions, and limits by the mission's own path as well."""
+DIVISIONS: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS, LIMITS)
+"""The four divisions alone, nothing suspended."""
 VARIANTS: Sequence[Configuration] = (LINUX_ADAPTIVE, WEIGHTS_ADAPTIVE, WEIGHTS_AT_ONCE)
 """Modules that do less when they are late; an API that follows within contexts, which last longer than it waits."""
 FIRST_LAW: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS, WEIGHTS_GATED, LIMITS_GATED)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
-from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, Trial, seconds_left
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, Trial, seconds_left
 from timelines.experiments.capacity import Capacity, Machine
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
@@ -168,8 +168,10 @@ def _alone(story: Story) -> Trial:
 
 def settings(frozen: Frozen) -> dict[str, Setting]:
     """What was frozen for each load, or what does for a quick look."""
-    loads, deadlines = frozen.get("loads", UNCALIBRATED), frozen.get("deadlines") or own_deadlines()
-    return {name: Setting(Capacity(*capacity), deadlines) for name, capacity in loads.items()}
+    loads = {name: Capacity(*capacity) for name, capacity in frozen.get("loads", UNCALIBRATED).items()}
+    asked = frozen.get("asked", calibration.LOADS)[HEAVY]
+    loads |= {load: calibration.swept(load, loads[HEAVY], asked) for load in SWEEP}
+    return {name: Setting(capacity, frozen.get("deadlines") or own_deadlines()) for name, capacity in loads.items()}
 
 
 def tuned_weights(frozen: Frozen) -> dict[bool, Weights]:

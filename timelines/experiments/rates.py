@@ -50,6 +50,15 @@ def _by_block(runs: Sequence[Run], task: str, context: str | None = None) -> Int
     return bootstrap(values) if values else None
 
 
+def worst_context(runs: Sequence[Run]) -> Interval | None:
+    """The least hit rate of a critical task in a context, over blocks."""
+    about = by_context(run.schedule for run in runs)
+    blocks = {run.record.block: [one for one in runs if one.record.block == run.record.block] for run in runs}
+    rates = {block: [critical(own, context, task) for context, task in about.items()] for block, own in blocks.items()}
+    values = [min(one.mean for one in own if one) for own in rates.values() if any(own)]
+    return bootstrap(values) if values else None
+
+
 def endings(runs: Sequence[Run], task: str) -> Mapping[Ending, float]:
     """How all of a task's inputs ended, on average over runs, also those that no context wants."""
     tallies = [Tally.of(one.ending for one in run.ended(task)) for run in runs]

@@ -7,7 +7,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import detail_tables, pictures, tables
-from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, WEIGHTS, WEIGHTS_GATED
 from timelines.experiments.goals import GOALS, SIGNIFICANT, Goal
@@ -172,6 +172,9 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
         yield "![Hit rates of the critical tasks by configuration, heavy load](figures/factors-heavy.svg)\n"
     if pictures.draw_responses(evidence, HEAVY, figures / "responses.svg"):
         yield "![Response times of the critical tasks as cumulated parts of what was due](figures/responses.svg)\n"
+    if sweep := tables.sweep(evidence):
+        yield "## From which load on contexts are needed: hit rates in the worst context, in percent\n"
+        yield sweep
     if pictures.draw_rivals(evidence, figures / "static.svg"):
         yield "## What static weights do for two tasks\n"
         yield RIVALRY
@@ -196,7 +199,7 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
     if "loads" in evidence.frozen:
         yield "## What was calibrated, and then frozen\n"
         yield detail_tables.calibrated(evidence.frozen)
-    for load in (HEAVY, LIGHT, PAPERS_LOAD):
+    for load in (HEAVY, LIGHT, *SWEEP, PAPERS_LOAD):
         if tables.runs_of(evidence, load):
             yield f"## {load.capitalize()} load\n"
             yield "### How every input ended, in percent of what was due\n"

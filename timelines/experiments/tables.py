@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending, Tally
-from timelines.experiments.blocks import PAPERS_LOAD
-from timelines.experiments.configurations import ALONE, CONFIGURATIONS, LINUX, PAPERS
+from timelines.experiments.blocks import HEAVY, PAPERS_LOAD, SWEEP
+from timelines.experiments.calibration import LOADS
+from timelines.experiments.configurations import ALONE, CONFIGURATIONS, DIVISIONS, LINUX, PAPERS
 from timelines.experiments.goals import SPEEDUP
 from timelines.experiments.paired import bootstrap
 from timelines.experiments.stories import HELD_OUT, PAPER, PROTECTED
@@ -48,6 +49,19 @@ def runs_of(evidence: Evidence, load: str) -> dict[str, list[Run]]:
     stories = PAPER if load == PAPERS_LOAD else HELD_OUT
     found = {name: [run for story in stories for run in evidence.of(load, story.name, name)] for name in CONFIGURATIONS}
     return {name: runs for name, runs in found.items() if runs}
+
+
+def sweep(evidence: Evidence) -> str:
+    """The worst context's hit rate, by load and division. Empty where only one load was run."""
+    loads = [load for load in sorted((HEAVY, *SWEEP), key=LOADS.__getitem__) if runs_of(evidence, load)]
+    if len(loads) < 2:
+        return ""
+    found = {load: runs_of(evidence, load) for load in loads}
+    rows = [
+        [one.title, *(percent(rates.worst_context(found[load].get(one.name, ()))) for load in loads)]
+        for one in DIVISIONS
+    ]
+    return table(["", *(f"{LOADS[load]:g}" for load in loads)], rows)
 
 
 def goals(found: Iterable[Verdict]) -> str:

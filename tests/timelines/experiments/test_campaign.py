@@ -287,6 +287,7 @@ def test_loads_and_deadlines_follow_from_each_task_alone(monkeypatch, tmp_path):
     assert "wanted by critical and protected tasks: drive 0.15 processors, talk 0.025 processors" in lines.said
     write_frozen(tmp_path, found)
     assert settings(read_frozen(tmp_path))["heavy"].capacity == Capacity(1, 0.176)
+    assert settings(found)["1.1"].capacity == Capacity(1, 0.158)  # 0.176 * 0.99 / 1.1
 
 
 def test_the_runs_that_were_prepared_with_are_kept_as_well(monkeypatch, tmp_path):

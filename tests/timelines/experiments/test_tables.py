@@ -92,6 +92,17 @@ def test_report_counts_the_solo_runs_that_all_blocks_share():
     assert tables.alone(evidence(a_run("linux"))) == ""
 
 
+def test_other_loads_stand_beside_the_heavy_one():
+    """The worst of all contexts in each block, whichever it is."""
+    runs = [a_run("static", slam="iiiid" + "iiiii"), a_run("static", slam="i" * 10, speech="i" * 7 + "ddd", block=1)]
+    runs += [a_run("static", load="1.1"), a_run("weights", load="1.1")]
+    text = tables.sweep(evidence(*runs))
+    assert row(text, "static weights")[1:] == ["100.0", "60.0 [40.0, 80.0]"]
+    assert row(text, "context weights")[1:] == ["100.0", "-"]
+    assert text.startswith("|  | 1.1 | 1.4 |")
+    assert tables.sweep(evidence(a_run("static"))) == ""
+
+
 def test_goals_show_their_least_sure_case():
     goal = "no critical or protected task covers more than 2 points less than alone"
     cells = row(tables.goals(verdicts(SOME)), "heavy", goal)
