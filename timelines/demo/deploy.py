@@ -23,7 +23,10 @@ TASKS = tuple(task["name"] for task in _SPECS)
 PROTECTED = frozenset(task["name"] for task in _SPECS if task.get("protected"))
 VALUES = Path(__file__).with_name("values.yaml")
 TIMEOUT = "180s"
-SET_AGENT = f" --set agent.enabled=true,security.namespaces={{{ROBOT}}}"
+SETTLE = 2.0
+"""Seconds after which the API follows the agent: the chart's default is longer than the demo's plans last."""
+AGENT = ("agent.enabled=true", f"agent.settleSeconds={SETTLE:g}")
+SET_AGENT = f" --set {','.join(AGENT)},security.namespaces={{{ROBOT}}}"
 SET_OPEN = " --set security.enabled=false"
 POD_LOGS = "/var/log/pods"
 """Where a kubelet keeps the logs of pods, if it does not say."""
@@ -36,7 +39,7 @@ class DeployError(Exception):
 def up(*, agent: bool) -> Iterator[str]:
     """Install the operator and the robot's modules; yields each step before it runs."""
     yield "helm upgrade --install contextpolicy charts/contextpolicy" + (SET_AGENT if agent else SET_OPEN)
-    install_operator(*("agent.enabled=true",) * agent)
+    install_operator(*AGENT * agent)
     run("kubectl", "delete", "-f", str(POLICY), "--ignore-not-found", f"--timeout={TIMEOUT}")
     yield "helm upgrade --install robot charts/robot"
     install_robot(VALUES, closed=agent)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.agent import weight_units
 from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
+from timelines.demo.deploy import SETTLE
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 SETTLED = 1.0
 """Seconds: a plan in force for at least this long must be in the cgroups when the next one comes."""
-PATCHED = 4.0
+PATCHED = SETTLE + 2.0
 """Seconds: one in force for this long must be in the API too, where only what lasts arrives if an agent writes."""
 RESTORED = 0.5
 """Seconds within which the agent restores a pod's weight that the kubelet overwrote, as it does with each resize."""
