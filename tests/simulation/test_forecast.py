@@ -70,6 +70,17 @@ def test_slam_misses_deadlines_at_half_a_core():
     assert slam[ALL].inputs == 200
 
 
+def test_until_the_cgroup_follows_the_plan_what_held_before_holds():
+    """SLAM falls behind at half a core, and has a whole one while the robot moves, from 10 s on."""
+    run = simulate(a_policy(), TIMELINE, robot=Robot({"robot": 1000}))
+    soon, late = (
+        forecast(a_policy(), TIMELINE, run.plans, profiles(), until=run.until, reaction=seconds)
+        for seconds in (0.003, 5.0)
+    )
+    assert soon.tasks["slam"]["moving"].misses < 0.05
+    assert late.tasks["slam"]["moving"].misses > 0.4
+
+
 def test_a_suspended_task_has_no_misses_and_no_work():
     _, predicted = predict(a_policy(), profiles())
     speech = predicted.tasks["speech"]

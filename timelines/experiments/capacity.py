@@ -26,16 +26,6 @@ was first measured what the tasks want: a little less than a thread of an EPYC a
 the same core busy. On others it is as many as the tasks take there for the same inputs (see `machine`)."""
 
 
-class Machine(NamedTuple):
-    """How fast a processor is here: so many turns a second count as a whole one (see `machine`).
-
-    Beside the tasks it does only this part of what it does undisturbed, since they use the same caches.
-    """
-
-    whole: float = WHOLE
-    beside: float = 1.0
-
-
 class Capacity(NamedTuple):
     """`processors` for the tasks, and the `part` of a whole one that each of them does (see `slowed`)."""
 

@@ -25,8 +25,8 @@ LEAST = 10
 
 
 STRICTER = 3
-"""Times by which contexts weigh more where a policy for weights is enforced by limits: what the critical task does not
-get nobody else can leave to it. Chosen on two tuning stories, as static weights were."""
+"""Times by which contexts weigh more where a policy for weights is enforced by limits: CPU that others leave idle does
+not go to the critical task there. Chosen on two tuning stories (`preparation/tuning-limits`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ FACTORS: Sequence[Configuration] = (
 DIVISIONS: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS, LIMITS)
 """The four divisions alone, nothing suspended."""
 VARIANTS: Sequence[Configuration] = (LINUX_ADAPTIVE, WEIGHTS_ADAPTIVE, WEIGHTS_AT_ONCE)
-"""Modules that do less when they are late; an API that follows within contexts, which last longer than it waits."""
+"""Modules that do less when they are late; an API that follows within contexts, which are shorter than the default."""
 FIRST_LAW: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS, WEIGHTS_GATED, LIMITS_GATED)
 """Under light load: the product against plain Linux, as it is used, and without what suspensions leave to others."""
 PAPERS: Sequence[Configuration] = (LINUX, LINUX_GATED, WEIGHTS_GATED, LIMITS_GATED, RESIZED)

@@ -12,14 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT
-from timelines.experiments.configurations import (
-    ALONE,
-    LINUX,
-    STATIC,
-    STATIC_GATED,
-    WEIGHTS,
-    WEIGHTS_GATED,
-)
+from timelines.experiments.configurations import ALONE, LINUX, STATIC, STATIC_GATED, WEIGHTS, WEIGHTS_GATED
 from timelines.experiments.metrics import NEVER
 
 if TYPE_CHECKING:

@@ -7,9 +7,10 @@ calibration the tasks would ask for a quarter more than was frozen.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from timelines.experiments.calm import DisturbedError
+from timelines.experiments.capacity import WHOLE
 from timelines.experiments.metrics import Pair, Run, cpu_per_input
 
 if TYPE_CHECKING:
@@ -18,6 +19,16 @@ if TYPE_CHECKING:
 CLOSE = 0.03
 """How far the work for the same inputs may be from the calibration's."""
 TRIES = 4
+
+
+class Machine(NamedTuple):
+    """How fast a processor is here: so many turns of the loop a second count as a whole one.
+
+    Beside the tasks it does only the part `beside` of what it does undisturbed: a limit hands out CPU time of that.
+    """
+
+    whole: float = WHOLE
+    beside: float = 1.0
 
 
 def whole_here(reference: Run, play: Callable[[float], Run]) -> float:
@@ -38,7 +49,7 @@ def whole_here(reference: Run, play: Callable[[float], Run]) -> float:
 
 
 def beside(run: Run) -> float:
-    """The part of its undisturbed speed that a processor had in a run: limits hand out CPU time of that speed."""
+    """The part of its speed just before a run, undisturbed, that a processor had in it."""
     return run.speed / float(run.record.about["undisturbed"])
 
 

@@ -108,7 +108,7 @@ def critical_hits(pair: Pair) -> dict[str, Case]:
 
 
 def worst_context(pair: Pair) -> dict[str, Case]:
-    """The same where it is least, in whichever context that is."""
+    """The same in the context where it is least."""
     found = critical_hits(pair).values()
     return {"worst context": Case(min(one.value for one in found), min(one.base for one in found))} if found else {}
 
@@ -124,7 +124,7 @@ def slowest(pair: Pair) -> dict[str, Case]:
 
 
 def coverage(pair: Pair) -> dict[str, Case]:
-    """The part that was done at all: of the critical task in its context, and of the protected ones throughout."""
+    """The part that came to something: of the critical task in its context, and of the protected ones throughout."""
     critical = {
         f"{context}: {task}": pair.both(Run.covered, task, context) for context, task in contexts(pair.schedule).items()
     }

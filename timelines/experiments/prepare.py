@@ -9,11 +9,11 @@ from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, Trial, seconds_left
-from timelines.experiments.capacity import Capacity, Machine
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
 from timelines.experiments.halving import candidates, halved
-from timelines.experiments.machine import beside, whole_here
+from timelines.experiments.machine import Machine, beside, whole_here
 from timelines.experiments.metrics import Run
 from timelines.experiments.predictions import predict, slowed_down
 from timelines.experiments.record import RecordError, block, records, write_whole

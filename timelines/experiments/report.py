@@ -26,7 +26,7 @@ METHOD = """\
 Every input that the timeline has counts, the same in every run: hit rates are over those that the policy's contexts
 want, as its simulation on the timeline finds them, and what was dropped, lost or suspended although it was wanted is a
 miss. The block is the unit: each has every configuration once per story, in random order. Brackets are 95 % bootstrap
-intervals over runs or blocks; p is of an exact sign-flip test over blocks, by Holm's correction for all declared goals
+intervals over blocks; p is of an exact sign-flip test over blocks, by Holm's correction for all declared goals
 ([goals.py](../experiments/goals.py)). Each goal's least sure case decides.
 """
 THREATS = """\
@@ -39,11 +39,12 @@ THREATS = """\
   each alone, take the calibration's work within 3 %. Caches and memory are not a board's. One kernel, one version of
   cgroups, one kind of machine; blocks within days of each other.
 - The kubelet, the API server and the operator may run on a processor beside the tasks': what control costs is then not
-  in the hit rates. No context lasts the 30 s after which the API follows, except where it waits 2 s.
+  in the hit rates. No context lasts the 30 s after which the API follows; a variant has 2 s.
 - Ten blocks may have nothing of what fails in fewer than one of ten; intervals of three (the paper's stories, variants)
   are narrower than 95 %. Hit rates alone come from few runs, and count as known.
 - CPU of an input is what its process takes meanwhile, with what the bus brings: one that waits counts more of that.
-  SLAM closes loops only where it keeps up. Beside others an input takes more than alone, which loads follow from.
+  SLAM closes loops only where it keeps up. Loads follow from what inputs take alone; beside others they take more.
+- Navigation's accuracy is not judged: no story orders it to go a known way.
 - A response begins when the player has sent the input; how late that was is in the details. A wheel command ends
   where navigation has written it.
 - Linux default is what the robot's chart requests: 10m for each task, but 110m and 160m in all for the pods of arm and

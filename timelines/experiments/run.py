@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 
     from contextpolicy.streams.timeline import Timeline
     from timelines.experiments.blocks import Trial
-    from timelines.experiments.capacity import Capacity, Machine
+    from timelines.experiments.capacity import Capacity
+    from timelines.experiments.machine import Machine
 
 PROFILE = "robot/*/profile"
 SETTLING = 2.0

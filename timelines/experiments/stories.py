@@ -20,7 +20,7 @@ class Use(StrEnum):
     TUNING = "tuning"
     """Loads are calibrated and static weights are searched on these, and nothing is reported of them."""
     HELD_OUT = "held out"
-    """Written and frozen before the first run: the figures."""
+    """Frozen before they are played, and nothing is tuned on them: the figures."""
     PAPER = "the paper's"
     """Its three experiments, under its terms."""
 

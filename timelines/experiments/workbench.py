@@ -12,9 +12,10 @@ from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import Capacity, Machine
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.code_version import code_version
 from timelines.experiments.evidence import ENDING
+from timelines.experiments.machine import Machine
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute

@@ -95,3 +95,15 @@ def some_runs():
         for name, finished in (("linux", 30.0), ("limits-gated", 20.0)):
             run = a_run(name, block=block, load="paper", story="exp1")
             yield replace(run, about={**run.about, "finished": finished})
+
+
+COST = {"mean": 0.05, "std": 0.0, "quantiles": [0.05, 0.05]}
+PROFILE = {
+    "deadline": 0.1,
+    "background": 0.01,
+    "seconds": 15.0,
+    "produced": {"done": 0, "cpu": {"mean": None}},
+    "inputs": {"stereo": {"key": "robot/camera/stereo", "depth": 1, "cpu": COST, "service": COST}},
+}
+MEASURED = {"measured": "2026-11-26T00:00:00+00:00", "tasks": {"slam": PROFILE}}
+"""Profiles: an input of SLAM takes 50 ms."""

@@ -46,6 +46,16 @@ def judge(tmp_path):
     return judged
 
 
+def test_a_task_that_is_played_by_itself_is_judged_from_its_own_begin(tmp_path):
+    """As where each task is alone: the microphone is played when the cameras have ended."""
+    story = parse({"name": "walk", "duration": 20.0, "phases": PHASES, "inputs": INPUTS})
+    run = RunData(BEGIN, starts={"robot/camera/stereo": BEGIN, "robot/microphone": BEGIN + 60})
+    heard = {"keyword": "left", "at": BEGIN + 62.1}
+    run.results["robot/speech/keyword"] = [Result(BEGIN + 63, BEGIN + 63, heard)]
+    schedule = Schedule(20.0, {}, {"speech": {}}, {}, [Window(0, 20, (), frozenset())])
+    assert Judge(story, schedule, tmp_path).accuracy(run)["speech"].value == pytest.approx(100 / 3)
+
+
 def keywords(*reported):
     return {"robot/speech/keyword": [(at + 1, {"keyword": word, "at": BEGIN + at}) for at, word in reported]}
 

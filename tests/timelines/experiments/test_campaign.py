@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.timelines.experiments.made_up import SCHEDULE, a_run
-from tests.timelines.experiments.test_predictions import MEASURED
+from tests.timelines.experiments.made_up import MEASURED, SCHEDULE, a_run
 from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
@@ -26,6 +25,7 @@ from timelines.experiments.evidence import Evidence, note_absent, read_frozen, w
 from timelines.experiments.metrics import Run
 from timelines.experiments.prepare import OutOfTimeError, Preparation, settings
 from timelines.experiments.record import RecordError, block, packed, records
+from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
 CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
@@ -393,11 +393,17 @@ def test_a_machine_is_not_measured_without_the_calibration_that_it_is_compared_w
 
 
 def test_what_is_predicted_from_is_the_run_of_this_machine(monkeypatch, tmp_path):
-    bench = calibrated_before(tmp_path)
+    """Its processors did one whole one: on 0.4 of one an input takes 2.5 times as long."""
+    bench, told = calibrated_before(tmp_path), []
     monkeypatch.setattr(bench, "profiles", lambda *_: MEASURED)
-    monkeypatch.setattr(prepare, "HELD_OUT", ())
+    monkeypatch.setattr(prepare, "load", lambda _: None)
+    monkeypatch.setattr(prepare, "predict", lambda *given: told.append(given))
     assert Preparation(bench, Lines(), lambda _: True).predicted(FOUND)["profiles"] == MEASURED
     assert [name for name, *_ in bench.done] == ["errand-alone"]
+    for _, _, due, profiles, capacity in told:
+        assert (due, capacity) == (SCHEDULE, Capacity(1, 0.4))
+        assert profiles.tasks["slam"].inputs[0].quantiles == pytest.approx((0.125, 0.125))
+    assert len(told) == len(HELD_OUT)
 
 
 def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, capsys):

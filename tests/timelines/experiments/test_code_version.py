@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -51,6 +52,14 @@ def test_data_and_documents_are_not_code(checkout):
 
 def test_the_report_is_made_of_files_that_there_are():
     assert all((EXPERIMENTS / name).is_file() for name in REPORTING)
+
+
+def test_nothing_that_runs_imports_what_only_reports():
+    """Else a change of it would change runs, and not show in their version."""
+    names = "|".join(name.removesuffix(".py") for name in REPORTING)
+    uses = re.compile(rf"^\s*from timelines\.experiments(\.({names}) import| import .*\b({names})\b)", re.MULTILINE)
+    found = {path.name for path in EXPERIMENTS.glob("*.py") if uses.search(path.read_text(encoding="utf-8"))}
+    assert found - set(REPORTING) == {"__main__.py"}  # which writes the report at the end
 
 
 def test_what_is_not_committed_shows(checkout):

@@ -98,6 +98,8 @@ def test_a_run_whose_policy_never_saw_a_context_counts_and_says_so(run):
         run.plans = plans
         assert violations(run) == ["no plan had drive"]
         assert violations(run, trial=linux) == []
+    run.plans = []
+    assert record(linux, run, SCHEDULE, {}).plans == []
 
 
 def test_a_run_whose_modules_did_not_pause_counts_and_says_so(run):
@@ -115,7 +117,8 @@ def test_a_pose_that_slam_does_not_trust_is_no_pose(run):
     """Each frame has an answer, also when SLAM has lost its way: that covers nothing."""
     states = {0.001: "tracking", 1: "lost", 3: "degraded"}
     run.results[POSE] = [
-        Result(BEGIN + at_, BEGIN + at_, {"stamp": at(at_), "state": one}) for at_, one in states.items()
+        Result(BEGIN + seconds, BEGIN + seconds, {"stamp": at(seconds), "state": state})
+        for seconds, state in states.items()
     ]
     assert record(TRIAL, run, SCHEDULE, {}).trusted == "1001"
 

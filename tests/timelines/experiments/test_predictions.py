@@ -9,20 +9,12 @@ import yaml
 
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import parse
+from tests.timelines.experiments.made_up import MEASURED
 from timelines.experiments.capacity import Capacity, in_cpu_time
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.predictions import PREDICTED, predict, slowed_down
 from timelines.experiments.stories import HELD_OUT
 
-COST = {"mean": 0.05, "std": 0.0, "quantiles": [0.05, 0.05]}
-PROFILE = {
-    "deadline": 0.1,
-    "background": 0.01,
-    "seconds": 15.0,
-    "produced": {"done": 0, "cpu": {"mean": None}},
-    "inputs": {"stereo": {"key": "robot/camera/stereo", "depth": 1, "cpu": COST, "service": COST}},
-}
-MEASURED = {"measured": "2026-11-26T00:00:00+00:00", "tasks": {"slam": PROFILE}}
 TIMELINE = parse({
     "name": "short", "duration": 4.0,
     "inputs": [

@@ -22,9 +22,10 @@ from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import WHOLE, Capacity, Machine
+from timelines.experiments.capacity import WHOLE, Capacity
 from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS, WEIGHTS_AT_ONCE
 from timelines.experiments.due import Schedule, Window
+from timelines.experiments.machine import Machine
 from timelines.experiments.raw_data import RUN, read_run
 from timelines.experiments.run import Conditions, TimelineSource, execute
 from timelines.experiments.slowed import Pace, SlowedError
