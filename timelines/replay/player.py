@@ -1,7 +1,8 @@
 """Publishes a timeline's inputs when they are due.
 
 Every deadline counts from the start of the pass, so that a late input delays no other. The options are named as in
-`ros2 bag play`. Inputs that the bus can't take at once are dropped, as a sensor would drop them.
+`ros2 bag play`. Inputs that the bus can't take at once are dropped, as a sensor would drop them, and who asks
+for the newest one gets it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import heapq
 import json
 import time
 from collections import Counter, defaultdict
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from itertools import chain, islice, takewhile
 from operator import itemgetter
@@ -21,6 +23,8 @@ from contextpolicy.policy.key_expressions import selects
 from contextpolicy.streams.attachment import attach
 from contextpolicy.streams.recorded_message import Topic
 from contextpolicy.streams.ros_message import RosMessage
+from robotkit.newest import Newest
+from robotkit.outputs import CDR
 from robotkit.stamps import attachment
 from timelines.datasets.readers import read
 from timelines.datasets.recordings import ROOT
@@ -40,7 +44,7 @@ if TYPE_CHECKING:
 _ENCODINGS = {
     "json": zenoh.Encoding.APPLICATION_JSON,
     "binary": zenoh.Encoding.ZENOH_BYTES,
-    "cdr": zenoh.Encoding.ZENOH_BYTES,  # as rmw_zenoh leaves it
+    CDR: zenoh.Encoding.ZENOH_BYTES,  # as rmw_zenoh leaves it
 }
 _ROS = "::msg::dds_::"
 """In every key of rmw_zenoh."""
@@ -140,7 +144,16 @@ def play(
 
 def publish(inputs: Inputs, session: zenoh.Session, *, stop: threading.Event, options: Options = Options()) -> Report:
     """Publish until the inputs end or `stop` is set."""
-    publishers, timed = _publishers(inputs.encodings, session), _opened(inputs, options)
+    with ExitStack() as until:
+        streams = {
+            key: until.enter_context(closing(_Stream(session, key, encoding)))
+            for key, encoding in inputs.encodings.items()
+        }
+        return _publish(inputs, streams, stop, options)
+
+
+def _publish(inputs: Inputs, streams: Mapping[str, _Stream], stop: threading.Event, options: Options) -> Report:
+    timed = _opened(inputs, options)
     report = Report(inputs.name, started=time.time())
     start, length = time.monotonic(), _length(inputs, options)
     while True:
@@ -150,7 +163,7 @@ def publish(inputs: Inputs, session: zenoh.Session, *, stop: threading.Event, op
                 break
             report.lateness.append(time.monotonic() - due)
             report.published[key] += 1
-            report.stamps[key].append(_put(publishers[key], payload, report.published[key]))
+            report.stamps[key].append(streams[key].put(payload, report.published[key]))
         start += length / options.rate
         if stop.wait(max(start - time.monotonic(), 0)) or not options.loop:
             break
@@ -182,32 +195,39 @@ def _samples(entry: TimelineEntry, datasets: Path) -> Iterator[Timed]:
     return takewhile(lambda timed: timed[0] < entry.end, (timed for timed in recorded if timed[0] >= entry.start))
 
 
-def _publishers(encodings: Mapping[str, str], session: zenoh.Session) -> Mapping[str, zenoh.Publisher]:
-    return {
-        key: session.declare_publisher(
+class _Stream:
+    """Publishes a key's inputs."""
+
+    def __init__(self, session: zenoh.Session, key: str, encoding: str) -> None:
+        self._publisher = session.declare_publisher(
             key,
             encoding=_ENCODINGS[encoding],
             congestion_control=zenoh.CongestionControl.DROP,
             express=True,
         )
-        for key, encoding in encodings.items()
-    }
+        self._of_ros = _ROS in key
+        self._newest = None if encoding == CDR else Newest(session, key, _ENCODINGS[encoding])
 
+    def close(self) -> None:
+        """Publish no more."""
+        self._publisher.undeclare()
+        if self._newest is not None:
+            self._newest.close()
 
-def _put(publisher: zenoh.Publisher, payload: Payload, sequence: int) -> int:
-    """Send bytes as they are, JSON objects with the `stamp` of this moment, ROS 2 messages as rmw_zenoh sends them.
+    def put(self, payload: Payload, sequence: int) -> int:
+        """Send bytes as they are, JSON objects with the `stamp` of this moment, ROS 2 messages as rmw_zenoh sends them.
 
-    Returns the stamp.
-    """
-    stamp = time.time_ns()
-    if isinstance(payload, RosMessage):
-        publisher.put(payload.payload(stamp), attachment=attach(sequence, stamp, _GID))
+        Returns the stamp.
+        """
+        stamp = time.time_ns()
+        if isinstance(payload, RosMessage):
+            sent, attached = payload.payload(stamp), attach(sequence, stamp, _GID)
+        elif isinstance(payload, bytes):
+            sent, attached = payload, attach(sequence, stamp, _GID) if self._of_ros else attachment(stamp)
+        else:
+            value = {"stamp": stamp, **payload} if isinstance(payload, dict) else payload
+            sent, attached = json.dumps(value).encode(), attachment(stamp)
+        self._publisher.put(sent, attachment=attached)
+        if self._newest is not None:
+            self._newest.keep(sent, attached)
         return stamp
-    if isinstance(payload, bytes) and _ROS in str(publisher.key_expr):
-        publisher.put(payload, attachment=attach(sequence, stamp, _GID))
-        return stamp
-    if isinstance(payload, dict):
-        payload = {"stamp": stamp, **payload}
-    encoded = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
-    publisher.put(encoded, attachment=attachment(stamp))
-    return stamp

@@ -1,4 +1,7 @@
-"""The newest samples of all inputs. The bus never waits: samples a slow task can't take are dropped and counted."""
+"""The newest samples of all inputs. The bus never waits: samples a slow task can't take are dropped and counted.
+
+A task that resumes asks for the sample that was published just before: what made it resume was often seen there.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,12 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from robotkit.stamps import attached
+import zenoh
+
+from robotkit.stamps import NOTHING, attached
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    import zenoh
 
     from robotkit.module import Input
     from robotkit.stamps import Attached
@@ -48,14 +51,20 @@ class _Arrived(NamedTuple):
 
 
 class Inputs:
-    """A queue per input that drops its oldest sample when full. Inputs start paused."""
+    """A queue per input that drops its oldest sample when full. Inputs start paused.
 
-    def __init__(self, session: zenoh.Session, declared: Mapping[str, Input]) -> None:
+    `deadline` is how old a sample may be, in seconds, to be worth asking for when they resume; None: none is.
+    """
+
+    def __init__(self, session: zenoh.Session, declared: Mapping[str, Input], deadline: float | None = None) -> None:
         self.dropped = dict.fromkeys(declared, 0)
         self.shared = dict.fromkeys(declared, 0)
         """How many samples came through shared memory."""
         self._session = session
         self._declared = declared
+        self._deadline = deadline
+        self._latest = dict.fromkeys(declared, 0)
+        """The stamp of the newest sample that arrived of each input."""
         self._queues: dict[str, deque[_Arrived]] = {
             name: deque(maxlen=declaration.depth) for name, declaration in declared.items()
         }
@@ -72,12 +81,16 @@ class Inputs:
             return waiting if self._taken is None else [self._taken, *waiting]
 
     def resume(self) -> None:
-        """Subscribe; does nothing if already subscribed."""
-        if not self._subscribers and not self._closed:
-            self._subscribers = [
-                self._session.declare_subscriber(declaration.key, self._receiver(name))
-                for name, declaration in self._declared.items()
-            ]
+        """Subscribe, and ask for what was published just before; does nothing if already subscribed."""
+        if self._subscribers or self._closed:
+            return
+        self._subscribers = [
+            self._session.declare_subscriber(declaration.key, self._receiver(name))
+            for name, declaration in self._declared.items()
+        ]
+        if self._deadline is not None:
+            for name, declaration in self._declared.items():
+                self._ask(name, declaration.key, self._deadline)
 
     def pause(self) -> None:
         """Unsubscribe, so that not even the transport costs CPU, and clear the queues."""
@@ -123,18 +136,45 @@ class Inputs:
         return self._queues[name][0].received
 
     def _receiver(self, name: str) -> Callable[[zenoh.Sample], None]:
-        queue = self._queues[name]
-
         def receive(sample: zenoh.Sample) -> None:
-            received = time.time_ns()
-            arrived = _Arrived(sample.payload, attached(sample), received, str(sample.key_expr))
-            self.shared[name] += sample.payload.as_shm() is not None
-            with self._changed:
-                self.dropped[name] += len(queue) == queue.maxlen
-                queue.append(arrived)
-                self._changed.notify_all()
+            self._enqueue(name, sample, attached(sample), time.time_ns())
 
         return receive
+
+    def _ask(self, name: str, key: str, deadline: float) -> None:
+        """Ask for the newest sample; an answer that we do not fetch is dropped on the way, like any sample."""
+        self._session.get(
+            key,
+            self._answered(name, deadline),
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=deadline,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=True,
+        )
+
+    def _answered(self, name: str, deadline: float) -> Callable[[zenoh.Reply], None]:
+        """Takes an answer unless it has no stamp, is too old, or has arrived or been followed by a newer one."""
+        subscribers = self._subscribers
+
+        def receive(reply: zenoh.Reply) -> None:
+            sample, now = reply.ok, time.time_ns()
+            own = attached(sample) if sample else NOTHING
+            with self._changed:
+                paused = self._subscribers is not subscribers
+                if sample and own.stamp and own.stamp > max(self._latest[name], now - deadline * 1e9) and not paused:
+                    self._enqueue(name, sample, own, now)
+
+        return receive
+
+    def _enqueue(self, name: str, sample: zenoh.Sample, own: Attached, received: int) -> None:
+        arrived = _Arrived(sample.payload, own, received, str(sample.key_expr))
+        queue = self._queues[name]
+        self.shared[name] += sample.payload.as_shm() is not None
+        with self._changed:
+            self._latest[name] = max(self._latest[name], own.stamp or received)
+            self.dropped[name] += len(queue) == queue.maxlen
+            queue.append(arrived)
+            self._changed.notify_all()
 
 
 def _intact(arrived: _Arrived, copied: bytes) -> bool:

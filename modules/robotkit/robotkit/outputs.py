@@ -1,4 +1,7 @@
-"""Publishes results, each with its stamp; a result that the bus can't take at once is dropped."""
+"""Publishes results, each with its stamp; a result that the bus can't take at once is dropped.
+
+The newest one is kept for tasks that resume a moment later (`newest`), except as a ROS message: ROS has latched topics.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from robotkit import json_text
+from robotkit.newest import Newest
 from robotkit.ros_outputs import fields_of
 from robotkit.session import SHARED_FROM
 from robotkit.stamps import attachment, ros_attachment
@@ -58,6 +62,11 @@ class Outputs:
         self._publishers = {
             name: publisher(session, declaration.key, declaration.encoding) for name, declaration in declared.items()
         }
+        self._newest = {
+            name: Newest(session, one.key, self._publishers[name].encoding)
+            for name, one in declared.items()
+            if one.encoding != CDR
+        }
 
     def publish(self, result: Result, timing: Mapping[str, object] | None = None) -> None:
         """Publish a result; JSON also gets its `stamp`, and `timing` if given. KeyError for an unknown output.
@@ -73,7 +82,10 @@ class Outputs:
         payload = _payload(result, self._declared[result.output], stamp, timing)
         if payload is None:
             return
-        self._publishers[result.output].put(payload, attachment=self._attachment(result.output, now, payload))
+        attached = self._attachment(result.output, now, payload)
+        self._publishers[result.output].put(payload, attachment=attached)
+        if newest := self._newest.get(result.output):
+            newest.keep(payload, attached)  # later: it never reaches a subscriber before the publication
 
     def _attachment(self, output: str, now: int, payload: bytes) -> bytes:
         """Our own attachment, or for ROS messages that of rmw_zenoh, which rejects messages without it."""

@@ -83,10 +83,10 @@ class Reporter:
 
     def _publish_health(self) -> None:
         while not self._closed.wait(EVERY_S):
-            if self._runs is not None:
-                self._runs.publish()  # first: who hears that nothing waits has heard what was done
             stamp = time.time_ns()
             message = self._health.message(self._snapshot(), self._queue(stamp), suspended=self._suspended)
+            if self._runs is not None:
+                self._runs.publish()  # after the look at the queue, before its message: idle means that all was heard
             message |= {"quality": round(self._quality.value, 3), "adaptive": self._quality.adaptive}
             self._publisher.put(json_text.dumps({"stamp": stamp, **message}), attachment=attachment(stamp))
 

@@ -50,7 +50,7 @@ class Runner:
         self._failure: BaseException | None = None
         self._runs: RunLog | None = None
         self._presence: RosPresence | None = None
-        self._inputs = Inputs(session, module.inputs)
+        self._inputs = Inputs(session, module.inputs, module.needs.deadline)
         self._outputs = Outputs(session, module.outputs, shared_memory=shared_memory)
         self._profile = Profile(module)
         can_adapt = type(task).set_quality is not Task.set_quality

@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
+import zenoh
 
 from robotkit import Input
 from robotkit.inputs import Inputs
+from robotkit.newest import Newest
 from robotkit.stamps import attachment
-from tests.modules.robotkit.bus import Matching, client, router, soon
+from tests.modules.robotkit.bus import Matching, ask, client, router, soon
 from tests.ports import free_port
 from tests.waiting import PATIENCE
 
@@ -91,3 +96,92 @@ def test_an_input_survives_the_routers_restart():
             publisher.put(b"back")
             assert soon(source.take).payload == b"back"
         source.close()
+
+
+def test_a_resumed_input_has_what_was_published_just_before(sessions):
+    sensor, module = sessions
+    newest = Newest(sensor, "test/just-before", zenoh.Encoding.ZENOH_BYTES)
+    newest.keep(b"older", attachment(1))
+    newest.keep(b"seen", attachment(stamp := time.time_ns()))
+    ask(module, "test/just-before")
+    source = Inputs(module, {"one": Input("test/just-before")}, deadline=PATIENCE)
+    source.resume()
+    received = soon(source.take)
+    assert (received.payload, received.stamp) == (b"seen", stamp)
+    assert received.received > stamp
+    source.close()
+    newest.close()
+
+
+def sample(payload, stamp):
+    kept = None if stamp is None else zenoh.ZBytes(attachment(stamp))
+    return SimpleNamespace(payload=zenoh.ZBytes(payload), attachment=kept, key_expr="test/one")
+
+
+class Asked:
+    """Inputs that have resumed, and ways to let samples and answers come."""
+
+    def __init__(self, deadline=PATIENCE):
+        self.session = Mock()
+        self.inputs = Inputs(self.session, {"one": Input("test/one", depth=2)}, deadline)
+        self.inputs.resume()
+
+    def published(self, payload, stamp):
+        self.session.declare_subscriber.call_args.args[1](sample(payload, stamp))
+
+    def answered(self, payload, stamp):
+        self.session.get.call_args.args[1](SimpleNamespace(ok=sample(payload, stamp)))
+
+    def taken(self):
+        """All that waits; the last one is ours."""
+        self.published(b"end", None)
+        found: list[bytes] = []
+        while not found or found[-1] != b"end":
+            found.append(soon(self.inputs.take).payload)
+        return found[:-1]
+
+
+def test_an_answer_is_taken_once_and_in_order():
+    asked, now = Asked(), time.time_ns()
+    asked.answered(b"newest", now)
+    asked.answered(b"the same, from a storage", now)
+    assert asked.taken() == [b"newest"]
+
+
+def test_an_answer_that_has_come_or_is_overtaken_is_ignored():
+    asked, now = Asked(), time.time_ns()
+    asked.published(b"live", now)
+    asked.answered(b"live", now)
+    asked.answered(b"older", now - 1)
+    assert asked.taken() == [b"live"]
+    assert asked.inputs.dropped == {"one": 0}
+
+
+@pytest.mark.parametrize("stamp", [None, 1])
+def test_an_answer_past_its_deadline_or_of_unknown_age_is_ignored(stamp):
+    asked = Asked()
+    asked.answered(b"old", stamp)
+    assert asked.taken() == []
+
+
+def test_an_answer_that_comes_after_another_pause_is_ignored():
+    asked, now = Asked(), time.time_ns()
+    late = asked.session.get.call_args.args[1]
+    asked.inputs.pause()
+    late(SimpleNamespace(ok=sample(b"late", now)))
+    asked.inputs.resume()
+    assert asked.taken() == []
+
+
+def test_a_refused_question_is_no_answer():
+    asked = Asked()
+    asked.session.get.call_args.args[1](SimpleNamespace(ok=None))
+    assert asked.taken() == []
+
+
+def test_an_answer_never_blocks_the_bus():
+    assert Asked().session.get.call_args.kwargs["congestion_control"] == zenoh.CongestionControl.DROP
+
+
+def test_without_a_deadline_nothing_is_asked_for():
+    assert not Asked(deadline=None).session.get.called

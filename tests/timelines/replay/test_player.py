@@ -18,7 +18,7 @@ from contextpolicy.streams.loop import Loop
 from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
-from tests.modules.robotkit.bus import Matching, client, router
+from tests.modules.robotkit.bus import Matching, ask, client, router
 from tests.modules.sounds import write
 from tests.streams.heard import Heard
 from tests.waiting import PATIENCE
@@ -244,3 +244,25 @@ def test_the_command_plays_ones_own_messages(bus, tmp_path, capsys):
 def test_numbers_that_are_invalid_are_refused(flag):
     with pytest.raises(SystemExit):
         main(["x.json", *flag])
+
+
+def test_who_asks_while_it_plays_gets_the_newest_input(bus, datasets):
+    _, player, robot = bus
+    stop = threading.Event()
+    options = Options(loop=True)
+    playing = threading.Thread(
+        target=play,
+        args=(parse(TIMELINE), player),
+        kwargs={
+            "stop": stop,
+            "options": options,
+            "datasets": datasets,
+        },
+    )
+    playing.start()
+    try:
+        assert ask(robot, "robot/battery") == ["7"]
+    finally:
+        stop.set()
+        playing.join(PATIENCE)
+    assert not [*robot.get("robot/battery", timeout=PATIENCE)]
