@@ -20,8 +20,7 @@ from robotkit.euroc import DatasetError
 from timelines.datasets.recordings import ROOT
 from timelines.demo import deploy
 from timelines.experiments import installation
-from timelines.experiments.blocks import trials
-from timelines.experiments.calibration import LOADS
+from timelines.experiments.blocks import PLAN, trials
 from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
 
 OUT = deploy.REPOSITORY / "build" / "experiments"
 DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
+RUN = list(dict.fromkeys(part.load for part in PLAN))
 REPORTED = [story.name for story in (*HELD_OUT, *PAPER)]
 console = Console() if sys.stdout.isatty() else Console(width=120)  # a pipe has no width, and 80 would cut lines
 
@@ -162,7 +162,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("stories", nargs="*", type=_story, metavar="STORY", help=", ".join(REPORTED))
     parser.add_argument("--blocks", type=int, metavar="N", help="how many blocks of each part to run at most")
-    parser.add_argument("--loads", nargs="+", default=(), choices=list(LOADS), metavar="LOAD", help=", ".join(LOADS))
+    parser.add_argument("--loads", nargs="+", default=(), choices=RUN, metavar="LOAD", help=", ".join(RUN))
     parser.add_argument(
         "--only",
         nargs="+",

@@ -11,11 +11,12 @@ from timelines.experiments.configurations import (
     FACTORS,
     FIRST_LAW,
     PAPERS,
+    REALTIME,
     VARIANTS,
     VPA,
     Configuration,
 )
-from timelines.experiments.stories import HELD_OUT, PAPER, Story
+from timelines.experiments.stories import HELD_OUT, PAPER, STORIES, Story
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 SEED = 20_261_126
 LIGHT, HEAVY, PAPERS_LOAD = "light", "heavy", "paper"
 """The loads; the paper's stories ask for less at a time, and have a heavy one of their own."""
+UNSLOWED = "unslowed"
+"""Processors as they are: what slows them has realtime priority, and would compete with tasks that have it, too."""
 SWEEP: Sequence[str] = ("1.1", "1.25", "1.6")
 """Loads around the heavy one, to see from which one on contexts are needed."""
 START = 17.0
@@ -50,8 +53,9 @@ PLAN: Sequence[Part] = (
     Part(HEAVY, HELD_OUT, VARIANTS, 3),
     Part(PAPERS_LOAD, PAPER, PAPERS, 3),
     Part(HEAVY, HELD_OUT, (VPA,), 3),
+    Part(UNSLOWED, (STORIES["exp2"],), (REALTIME,), 1),
 )
-"""In the order of what a claim needs first."""
+"""In the order of what a claim needs first; of Realtime it is only shown how it decides."""
 
 
 def part_of(load: str, configuration: str) -> int:

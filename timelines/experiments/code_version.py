@@ -9,7 +9,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 UNKNOWN = "unknown"
-REPORTING = ("report.py", "tables.py", "detail_tables.py", "pictures.py", "rates.py", "verdicts.py", "paired.py")
+REPORTING = (
+    *("report.py", "tables.py", "detail_tables.py", "pictures.py", "film.py"),
+    *("rates.py", "verdicts.py", "paired.py"),
+)
 CODE = (
     *("operator", "modules", "charts", "crds", "config", "timelines", "tests/node", "pyproject.toml"),
     ":(exclude)timelines/results",

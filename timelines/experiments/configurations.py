@@ -35,7 +35,7 @@ class Configuration:
 
     With `agent` the node agent writes the cgroups, and the API follows after `settle` seconds (None: the chart's
     default). `adaptive` modules do less for an input when they are late. `alone`: each task's inputs are played by
-    themselves, one task after the other.
+    themselves, one task after the other. `realtime`: shares are parts of each processor's period (Eq. 2).
     """
 
     name: str
@@ -48,11 +48,12 @@ class Configuration:
     adaptive: bool = False
     autoscaled: bool = False
     alone: bool = False
+    realtime: bool = False
 
     @property
     def contextual(self) -> bool:
         """Whether CPU moves with the context."""
-        return bool(self.control)
+        return bool(self.control) or self.realtime
 
     @property
     def relayed(self) -> bool:
@@ -71,6 +72,8 @@ class Configuration:
         if self.control == "Limit" and spec.get("enforcement", {}).get("control") != "Limit":
             _weigh_more(spec)
         spec["enforcement"] = {"control": self.control} if self.control else {}
+        if self.realtime:
+            spec["enforcement"] = {"scheduler": "Realtime", "realtimeFallback": "None"}
         if self.control == "Weight":
             _without_max(spec)
         if not self.gated:
@@ -147,6 +150,7 @@ WEIGHTS_AT_ONCE = Configuration(
     "weights-at-once", "context weights, gated, API after 2 s", "Weight", agent=True, gated=True, settle=2.0
 )
 VPA = Configuration("vpa", "VPA in place", autoscaled=True)
+REALTIME = Configuration("realtime", "context realtime, gated", agent=True, gated=True, realtime=True)
 ALONE = Configuration("alone", "each task alone", alone=True)
 
 FACTORS: Sequence[Configuration] = (
@@ -162,4 +166,4 @@ FIRST_LAW: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS, WEIGHTS_GATED, LIM
 """Under light load: the product against plain Linux, as it is used, and without what suspensions leave to others."""
 PAPERS: Sequence[Configuration] = (LINUX, LINUX_GATED, WEIGHTS_GATED, LIMITS_GATED, RESIZED)
 """Gated Linux default shows how much of a shorter total time is work that was not done."""
-CONFIGURATIONS: Mapping[str, Configuration] = {one.name: one for one in (*FACTORS, *VARIANTS, VPA, ALONE)}
+CONFIGURATIONS: Mapping[str, Configuration] = {one.name: one for one in (*FACTORS, *VARIANTS, VPA, REALTIME, ALONE)}

@@ -24,6 +24,8 @@ PREPARED = "preparation"
 SEARCHES, SEARCH = ("ungated", "gated"), "tuning-"
 """The searches of static weights, and how their files' names begin."""
 ENDING = ".json.xz"
+FILM = "film"
+"""Folder of strips of frames, for pictures."""
 
 
 class Absent(NamedTuple):
@@ -41,7 +43,7 @@ class Evidence:
     """`runs` are by load, story and configuration, then by block; `frozen` is what was calibrated before them.
 
     `absent` are runs that were wanted and could not be done; `searched` are those of all static weights that were
-    tried, by the name of their search.
+    tried, by the name of their search; `films` are the strips of frames that pictures show, by story.
     """
 
     schedules: Mapping[str, Schedule]
@@ -49,6 +51,7 @@ class Evidence:
     frozen: Mapping[str, Any]
     absent: Sequence[Absent] = ()
     searched: Mapping[str, Sequence[Run]] = field(default_factory=dict)
+    films: Mapping[str, Path] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: Path) -> Evidence:
@@ -63,6 +66,7 @@ class Evidence:
             read_frozen(folder),
             [one for one in read_absent(folder) if one.block not in found.get(one[:3], {})],
             {name: read_search(folder, name) for name in SEARCHES},
+            {path.stem: path for path in sorted((folder / FILM).glob("*.png"))},
         )
 
     def of(self, load: str, story: str, configuration: str) -> list[Run]:
@@ -121,6 +125,11 @@ def read_search(folder: Path, name: str) -> list[Run]:
 def read_schedule(path: Path) -> Schedule:
     """What is due in a story."""
     return Schedule.of_json(unpacked(path.read_bytes()))
+
+
+def film_file(folder: Path, story: str) -> Path:
+    """Where a story's frames are kept."""
+    return folder / FILM / f"{story}.png"
 
 
 def write_schedule(folder: Path, story: str, schedule: Schedule) -> None:

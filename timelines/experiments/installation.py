@@ -88,6 +88,8 @@ def install(configuration: Configuration) -> None:
     The bus is closed in any case: the agent needs it so, and encryption takes CPU that all have to pay alike.
     """
     settings = ["agent.enabled=true"] * configuration.agent
+    if configuration.realtime:
+        settings.append("agent.realtime=true")
     if configuration.settle is not None:
         settings.append(f"agent.settleSeconds={configuration.settle:g}")
     deploy.install_operator(*settings, closed=True)
@@ -122,7 +124,8 @@ def decide(trial: Trial, capacity: Capacity, speed: float, folder: Path) -> None
     path = folder / "policy.yaml"
     path.write_text(yaml.safe_dump(variant, sort_keys=False), encoding="utf-8")
     deploy.run("kubectl", "apply", "-f", str(path))
-    deploy.run("kubectl", "wait", POLICY, "-n", deploy.ROBOT, "--for=condition=Ready", "--timeout=60s")
+    for condition in ("Ready", *["Realtime"] * trial.configuration.realtime):
+        deploy.run("kubectl", "wait", POLICY, "-n", deploy.ROBOT, f"--for=condition={condition}", "--timeout=60s")
 
 
 def stop_robot() -> None:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from contextpolicy.explain.palette import task_colors
-from contextpolicy.simulation.drawing import INK, STYLE, draw_shares, name_ends
+from contextpolicy.simulation.drawing import INK, LANE, STYLE, draw_lanes, draw_shares, name_ends
 from timelines.experiments import rates, tables
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX_GATED, STATIC_GATED, WEIGHTS_GATED
 from timelines.experiments.stories import CRITICAL
@@ -172,6 +173,19 @@ def draw_decisions(run: Run, path: Path) -> None:
     weights = {task: [(at, _part(tasks, task)) for at, tasks in steps] for task in run.schedule.inputs}
     title = f"{CONFIGURATIONS[run.record.configuration].title}, {run.record.story}: weights and shares"
     draw_shares(shares, _lanes(run), path, until=run.schedule.duration, weights=weights, title=title)
+
+
+def draw_film(run: Run, frames: Path, path: Path) -> None:
+    """Figure 5c of the paper: what the camera sees, below the contexts that were due."""
+    strip, lanes = imread(frames), _lanes(run)
+    names = len({name for name, _, _ in lanes})
+    seen = WIDTH * strip.shape[0] / strip.shape[1]
+    with _figure(LANE * names + seen + 1.0, f"{run.record.story}: contexts, and what the camera sees", path) as figure:
+        panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=[LANE * names, seen])
+        panels[1].imshow(strip, cmap="gray", extent=(0, run.schedule.duration, 0, 1), aspect="auto")
+        panels[1].set_yticks([])
+        draw_lanes(panels[0], lanes)
+        panels[1].set_xlabel("time (s)")
 
 
 def draw_use(run: Run, path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
-from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, Trial, seconds_left
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, UNSLOWED, Trial, seconds_left
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
@@ -171,6 +171,7 @@ def settings(frozen: Frozen) -> dict[str, Setting]:
     loads = {name: Capacity(*capacity) for name, capacity in frozen.get("loads", UNCALIBRATED).items()}
     asked = frozen.get("asked", calibration.LOADS)[HEAVY]
     loads |= {load: calibration.swept(load, loads[HEAVY], asked) for load in SWEEP}
+    loads[UNSLOWED] = Capacity(installation.cores(), 1.0)
     return {name: Setting(capacity, frozen.get("deadlines") or own_deadlines()) for name, capacity in loads.items()}
 
 

@@ -7,10 +7,10 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import detail_tables, pictures, tables
-from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, UNSLOWED
 from timelines.experiments.capacity import Capacity
-from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, WEIGHTS, WEIGHTS_GATED
-from timelines.experiments.goals import GOALS, SIGNIFICANT, Goal
+from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, LINUX, REALTIME, WEIGHTS, WEIGHTS_GATED
+from timelines.experiments.goals import GOALS, SIGNIFICANT, SPEEDUP, Goal
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.verdicts import judged, verdicts
 
@@ -23,32 +23,31 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 METHOD = """\
-Every input that the timeline has counts, the same in every run: hit rates are over those that the policy's contexts
-want, as its simulation on the timeline finds them, and what was dropped, lost or suspended although it was wanted is a
-miss. The block is the unit: each has every configuration once per story, in random order. Brackets are 95 % bootstrap
-intervals over blocks; p is of an exact sign-flip test over blocks, by Holm's correction for all declared goals
-([goals.py](../experiments/goals.py)). Each goal's least sure case decides.
+Every input of the timeline counts, the same in each run. Hit rates are over what the policy's contexts want, as its
+simulation on the timeline finds them; what was dropped, lost or suspended although it was wanted is a miss. The block
+is the unit: every configuration once per story, in random order. Brackets are 95 % bootstrap intervals over blocks; p
+is of an exact sign-flip test over blocks, by Holm's correction for all goals, which were
+[declared before the runs](../experiments/goals.py). Each goal's least sure case decides.
+"""
+COSTS = """\
+What was done in time of **all** that came, wanted by a context or not, and the signs that were read right in the end:
 """
 THREATS = """\
 - The stories are invented, their recordings rendered or synthesised: they show how CPU is divided, not how well this
-  robot would do in a building. The camera rates of a held-out story changed with those of the tuning stories.
+  robot would do in a building. Only SLAM and signs contend: speech and the arm take little.
 - **The load was chosen after pilots** on tuning stories in which static weights sufficed at 1.26 and failed at 1.4.
-  Camera rates, SLAM's queue, the policy's priorities and `min`, the room for critical tasks and the rule for deadlines
-  followed from pilots in which context weights missed. Only SLAM and signs contend: speech and the arm take little.
-- Cores of a virtual server, kept at one speed by realtime threads that take the rest of every 5 ms, so that the tasks,
-  each alone, take the calibration's work within 3 %. Caches and memory are not a board's. One kernel, one version of
-  cgroups, one kind of machine; blocks within days of each other.
+  Camera rates, SLAM's queue, priorities, `min`, and the rules for room and deadlines followed from pilots in which
+  context weights missed.
+- Cores of a virtual server, kept at one speed by realtime threads that take the rest of every 5 ms. Caches and memory
+  are not a board's. One kernel, cgroup v1, one kind of machine, blocks within days of each other.
 - The kubelet, the API server and the operator may run on a processor beside the tasks': what control costs is then not
   in the hit rates. No context lasts the 30 s after which the API follows; a variant has 2 s.
-- Ten blocks may have nothing of what fails in fewer than one of ten; intervals of three (the paper's stories, variants)
-  are narrower than 95 %. Hit rates alone come from few runs, and count as known.
-- CPU of an input is what its process takes meanwhile, with what the bus brings: one that waits counts more of that.
-  SLAM closes loops only where it keeps up. Loads follow from what inputs take alone; beside others they take more.
-- Navigation's accuracy is not judged: no story orders it to go a known way.
-- A response begins when the player has sent the input; how late that was is in the details. A wheel command ends
-  where navigation has written it.
-- Linux default is what the robot's chart requests: 10m for each task, but 110m and 160m in all for the pods of arm and
-  navigation, which have drivers. Static weights are searched with these in place, on stories of the same kind.
+- Ten blocks may have nothing of what fails in fewer than one of ten; intervals of three are narrower than 95 %. Hit
+  rates alone come from few runs, serve all blocks in turn, and count as known.
+- An input's CPU is what its process takes meanwhile: one that waits counts more of what else the bus brings.
+- Navigation's accuracy is not judged, nor its command followed beyond where it is written.
+- Linux default is what the robot's chart requests: 10m for each task, more for the pods with drivers. Static weights
+  were searched with these in place, on stories of the same kind.
 - A VerticalPodAutoscaler decides about once a minute, and a story takes no longer. SCHED_RR and pinning were not run.
 """
 RIVALRY = """\
@@ -76,16 +75,19 @@ def write_report(evidence: Evidence, out: Path) -> Path:
 def _first_page(evidence: Evidence, found: Sequence[Verdict]) -> Iterator[str]:
     yield "# What a robot gains from contexts\n"
     yield _claim(found) + "\n"
-    yield f"{METHOD}{tables.alone(evidence)}\n{_machine(evidence)}\n"
+    yield f"{METHOD}\n{_machine(evidence)}"
     for load in (HEAVY, LIGHT):
         rows = tables.of_load(evidence, load)
         if rows:
             yield f"## {load.capitalize()} load: hit rates in percent\n"
             yield rows
+        if rows and load == HEAVY:
+            yield COSTS
+            yield tables.costs(evidence, load)
     absent = tables.absences(evidence)
     if absent:
         yield absent
-    yield "## Goals\n"
+    yield "## Goals of context weights, gated unless nothing is suspended\n"
     yield tables.goals(found)
     yield _static(evidence)
 
@@ -176,20 +178,15 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
     if sweep := tables.sweep(evidence):
         yield "## From which load on contexts are needed: hit rates in the worst context, in percent\n"
         yield sweep
-    if pictures.draw_rivals(evidence, figures / "static.svg"):
-        yield "## What static weights do for two tasks\n"
-        yield RIVALRY
-        yield "![Signs in time while reading against SLAM while driving, by set of weights](figures/static.svg)\n"
     chains = tables.chains(evidence, HEAVY)
     if chains:
         yield "## From the camera, and from a word, to the wheels; heavy load\n"
         yield chains
-    papers = tables.papers(evidence)
-    if papers:
+    totals = tables.totals(evidence)
+    if totals:
         yield "## The paper's measure, under its terms: queues lose nothing, a run ends when they are empty\n"
-        yield papers
-        yield "Hit rates of the same runs, in percent:\n"
-        yield tables.of_load(evidence, PAPERS_LOAD)
+        yield f"Total time of Linux default divided by each configuration's (the paper: up to {SPEEDUP}):\n"
+        yield totals
     yield f"## Threats to validity\n\n{THREATS}"
     yield f"## Repeat it\n\n{REPEAT}"
     yield "[details.md](details.md): how every input ended, context onsets, accuracy, the player's own lateness.\n"
@@ -200,21 +197,19 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
     if "loads" in evidence.frozen:
         yield "## What was calibrated, and then frozen\n"
         yield detail_tables.calibrated(evidence.frozen)
+    yield tables.alone(evidence)
     for load in (HEAVY, LIGHT, *SWEEP, PAPERS_LOAD):
         if tables.runs_of(evidence, load):
-            yield f"## {load.capitalize()} load\n"
-            yield "### How every input ended, in percent of what was due\n"
-            yield detail_tables.endings(evidence, load)
-            yield "### Critical tasks at the onset of their contexts, hit rates in percent\n"
-            yield detail_tables.onsets(evidence, load)
-            yield "### How right each task was\n"
-            yield detail_tables.accuracies(evidence, load)
-            yield "### The player, and the machine\n"
-            yield detail_tables.player(evidence, load)
+            yield from _details_of_load(evidence, load)
     predicted = detail_tables.predictions(evidence)
     if predicted:
         yield "## Prediction, experimental: `contextpolicy simulate --profiles` before the runs, heavy load\n"
         yield predicted
+    if pictures.draw_rivals(evidence, figures / "static.svg"):
+        yield "## What static weights do for two tasks\n"
+        yield RIVALRY
+        yield "![Signs in time while reading against SLAM while driving, by set of weights](figures/static.svg)\n"
+    yield "## Reasons to doubt single runs\n"
     yield detail_tables.doubts(evidence)
     yield "## Every case of every goal\n"
     for verdict in found:
@@ -228,10 +223,33 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
         yield f"![{what}](figures/{name})\n"
 
 
+def _details_of_load(evidence: Evidence, load: str) -> Iterator[str]:
+    yield f"## {load.capitalize()} load\n"
+    if load not in (HEAVY, LIGHT):  # the report has these
+        yield "### Hit rates in percent\n"
+        yield tables.of_load(evidence, load)
+    if load == PAPERS_LOAD:
+        yield "### Total times, and the work that was done in them\n"
+        yield tables.papers(evidence)
+    yield "### How every input ended, in percent of what was due\n"
+    yield detail_tables.endings(evidence, load)
+    yield "### Critical tasks at the onset of their contexts, hit rates in percent\n"
+    yield detail_tables.onsets(evidence, load)
+    yield "### How right each task was\n"
+    yield detail_tables.accuracies(evidence, load)
+    yield "### The player, and the machine\n"
+    yield detail_tables.player(evidence, load)
+
+
 def _drawn(evidence: Evidence, figures: Path) -> Iterator[tuple[str, str]]:
-    """The paper's figures again, of the first held-out story: what was used, and what was decided; file and words."""
-    for one in FACTORS:
-        for run in evidence.of(HEAVY, HELD_OUT[0].name, one.name)[:1]:
+    """The paper's figures again: what the camera sees, what was used and what was decided; file and words."""
+    story = HELD_OUT[0].name
+    film, plain = evidence.films.get(story), evidence.of(HEAVY, story, LINUX.name)
+    if film and plain:
+        pictures.draw_film(plain[0], film, figures / "film.svg")
+        yield "film.svg", "Contexts over time, and what the camera sees"
+    for load, where, one in [*((HEAVY, story, one) for one in FACTORS), (UNSLOWED, "exp2", REALTIME)]:
+        for run in evidence.of(load, where, one.name)[:1]:
             pictures.draw_use(run, figures / f"used-{one.name}.svg")
             yield f"used-{one.name}.svg", f"{one.title}: CPU that each task used over time"
             if run.record.plans and one.contextual:

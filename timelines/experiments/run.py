@@ -18,6 +18,7 @@ from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import confine, healths, installation
+from timelines.experiments.blocks import UNSLOWED
 from timelines.experiments.calm import wait_until_calm
 from timelines.experiments.cpu_account import SLOWING, Account, machine_seconds
 from timelines.experiments.executive import Executive
@@ -26,7 +27,7 @@ from timelines.experiments.healths import Healths
 from timelines.experiments.node_service import as_service
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.record import write_whole
-from timelines.experiments.slowed import slowed, speed
+from timelines.experiments.slowed import Untouched, slowed, speed
 from timelines.experiments.tasks import inputs_of, tasks_of
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from timelines.experiments.blocks import Trial
     from timelines.experiments.capacity import Capacity
     from timelines.experiments.machine import Machine
+    from timelines.experiments.slowed import Thieves
 
 PROFILE = "robot/*/profile"
 SETTLING = 2.0
@@ -143,7 +145,7 @@ class _Recording:
         with (
             confine.keep_off(processors),
             as_service(cgroups.values()),
-            slowed(capacity.part * self._conditions.machine.whole, processors) as thieves,
+            self._slowed(processors) as thieves,
             McapWriter(folder / MESSAGES) as file,
         ):
             parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
@@ -175,6 +177,12 @@ class _Recording:
         if self._trial.configuration.static:
             about["weights"] = dict(self._conditions.weights)
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
+
+    def _slowed(self, processors: set[int]) -> AbstractContextManager[Thieves | Untouched]:
+        """What leaves the tasks' processors their pace while they play."""
+        if self._trial.load == UNSLOWED:
+            return nullcontext(Untouched(speed(min(processors))))
+        return slowed(self._conditions.capacity.part * self._conditions.machine.whole, processors)
 
     def _play(self) -> tuple[list[Report], bool]:
         reports, drained = [], True

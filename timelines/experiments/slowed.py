@@ -68,6 +68,21 @@ class Thieves:
             self._lines += one.communicate()[0].splitlines()
 
 
+class Untouched:
+    """In place of them, where processors stay as they are: so many turns a second."""
+
+    def __init__(self, turns: float) -> None:
+        self._turns = turns
+
+    def seconds(self) -> float:
+        """No CPU is taken."""
+        return 0.0
+
+    def pace(self) -> Pace:
+        """What was found before."""
+        return Pace(round(self._turns), 1.0, 1.0)
+
+
 def checked(lines: Sequence[Sequence[float]], pace: float) -> Pace:
     """What thieves' lines come to; SlowedError if they left much more or less than a pace. Pure."""
     if not lines:

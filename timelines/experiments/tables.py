@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending, Tally
-from timelines.experiments.blocks import HEAVY, PAPERS_LOAD, SWEEP
+from timelines.experiments.blocks import HEAVY, PAPERS_LOAD, SWEEP, UNSLOWED
 from timelines.experiments.calibration import LOADS
 from timelines.experiments.configurations import ALONE, CONFIGURATIONS, DIVISIONS, LINUX, LINUX_GATED, PAPERS
-from timelines.experiments.goals import SPEEDUP
 from timelines.experiments.paired import bootstrap
 from timelines.experiments.stories import HELD_OUT, PAPER, PROTECTED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from timelines.experiments.configurations import Configuration
     from timelines.experiments.evidence import Evidence
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
     from timelines.experiments.verdicts import Verdict
 
 NONE = "-"
+CONTENDING = ("slam", "signs", "signs-left", "speech", "arm")
+"""The tasks that have to share."""
+JUDGED = {"signs": "signs read, %", "speech": "commands heard, %"}
+"""The tasks whose results are right or wrong, with their measure."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -38,16 +43,16 @@ def short(value: float) -> str:
 
 
 def percent(found: Interval | None) -> str:
-    """A rate with its interval."""
+    """A rate with its interval, where there is more than a point of it."""
     if found is None:
         return NONE
-    around = f" [{100 * found.low:.1f}, {100 * found.high:.1f}]" if found.low != found.high else ""
-    return f"{100 * found.mean:.1f}{around}"
+    mean, low, high = (f"{100 * one:.1f}" for one in (found.mean, found.low, found.high))
+    return mean if low == high else f"{mean} [{low}, {high}]"
 
 
 def runs_of(evidence: Evidence, load: str) -> dict[str, list[Run]]:
     """The runs of a load's stories by configuration, in their order: those held out, or the paper's."""
-    stories = PAPER if load == PAPERS_LOAD else HELD_OUT
+    stories = PAPER if load in (PAPERS_LOAD, UNSLOWED) else HELD_OUT
     found = {name: [run for story in stories for run in evidence.of(load, story.name, name)] for name in CONFIGURATIONS}
     return {name: runs for name, runs in found.items() if runs}
 
@@ -69,12 +74,11 @@ def goals(found: Iterable[Verdict]) -> str:
     """Each goal with its least sure case."""
     rows = []
     for one in found:
-        case, title = one.worst, CONFIGURATIONS[one.goal.configuration].title
+        case = one.worst
         measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
         better = gain(case.gain) if case else NONE
-        rows.append([one.goal.load, one.goal.name, title, measured, better, f"{one.probability:.3g}", _word(one)])
-    head = ["load", "goal", "configuration", "least sure case", "better than asked by", "p (Holm)", ""]
-    return table(head, rows)
+        rows.append([one.goal.load, one.goal.name, measured, better, f"{one.probability:.3g}", _word(one)])
+    return table(["load", "goal", "least sure case", "better than asked by", "p (Holm)", ""], rows)
 
 
 def _word(found: Verdict) -> str:
@@ -103,6 +107,28 @@ def of_load(evidence: Evidence, load: str) -> str:
     width = len(head) + 3
     rows += [[CONFIGURATIONS[name].title, "not run", *[NONE] * (width - 2)] for name in _absent(evidence, load, found)]
     return table([*head, "CPU of the tasks", "of the control", "of all else"], rows) if found else ""
+
+
+def costs(evidence: Evidence, load: str) -> str:
+    """What was done in time of all that came, in percent, and how right it was: what each division costs whom."""
+    found = runs_of(evidence, load)
+    every = [run for runs in found.values() for run in runs]
+    sharing = [task for task in CONTENDING if any(task in run.schedule.inputs for run in every)]
+    judged = {task: what for task, what in JUDGED.items() if any(task in run.record.accuracy for run in every)}
+    rows = []
+    for name, runs in found.items():
+        done = [_in_time(rates.endings(runs, task)) for task in sharing]
+        rows.append([CONFIGURATIONS[name].title, *done, *(_right(runs, task) for task in judged)])
+    return table(["", *sharing, *judged.values()], rows) if rows else ""
+
+
+def _in_time(counts: Mapping[Ending, float]) -> str:
+    return f"{100 * counts[Ending.IN_TIME] / math.fsum(counts.values()):.1f}"
+
+
+def _right(runs: Sequence[Run], task: str) -> str:
+    values = [one.record.accuracy[task][1] for one in runs if task in one.record.accuracy]
+    return short(fmean(values)) if values else NONE
 
 
 def _absent(evidence: Evidence, load: str, found: Iterable[str]) -> list[str]:
@@ -157,7 +183,7 @@ def chains(evidence: Evidence, load: str) -> str:
         times = [NONE if one is None else f"{1000 * one:.0f} ms" for one in (middle, most, stop)]
         rows.append([CONFIGURATIONS[name].title, f"{100 * part:.1f} %", *times[:2], f"{heard} of {said}", times[2]])
     head = ["", "frames that led to a wheel command", "camera to wheels, median", "99 %"]
-    return table([*head, "spoken stops that stopped the wheels", "from the word's end, median"], rows) if rows else ""
+    return table([*head, "stops said that stopped the wheels", "median from the word's end"], rows) if rows else ""
 
 
 def speedups(evidence: Evidence, against: Configuration = LINUX) -> Iterator[tuple[str, str, Interval]]:
@@ -177,8 +203,16 @@ def speedups(evidence: Evidence, against: Configuration = LINUX) -> Iterator[tup
                 yield story.name, one.title, bootstrap(ratios)
 
 
+def totals(evidence: Evidence) -> str:
+    """The speedups alone: a row for each configuration, a column for each story. Empty without runs."""
+    found = {(story, title): speedup for story, title, speedup in speedups(evidence)}
+    titles, stories = (list(dict.fromkeys(cell[place] for cell in found)) for place in (1, 0))
+    rows = [[title, *(_times(found.get((story, title))) for story in stories)] for title in titles]
+    return table(["", *stories], rows) if rows else ""
+
+
 def papers(evidence: Evidence) -> str:
-    """Total times, beside the paper's own figure and the work that was done in them. Empty without runs.
+    """Total times, and the work that was done in them. Empty without runs.
 
     Runs that were given up while inputs waited have no total time: they are counted, and take no part.
     """
@@ -194,7 +228,7 @@ def papers(evidence: Evidence) -> str:
                 speedup = found.get((story.name, one.title))
                 times = [_times(speedup), _times(gated.get((story.name, one.title)) if one.gated else None)]
                 rows.append([story.name, one.title, *times, *_work(runs), *_counted(runs, speedup)])
-    head = ["", "", f"times as fast as Linux default (the paper: up to {SPEEDUP})", "as Linux default, gated"]
+    head = ["", "", "times as fast as Linux default", "as Linux default, gated"]
     head += ["done, % of all inputs", "suspended, %", "blocks compared", "runs given up"]
     return table(head, rows) if rows else ""
 

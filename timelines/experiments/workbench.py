@@ -70,7 +70,7 @@ class Workbench:
         self.folders = folders
         self.machine = Machine()
         self.took: dict[str, tuple[float, float]] = {}
-        self._installed: tuple[bool, float | None] | None = None  # nothing is
+        self._installed: tuple[bool, bool, float | None] | None = None  # nothing is
         self._schedules: dict[str, Schedule] = {}
         self._code = code_version(deploy.REPOSITORY)  # now, since what is edited later is not what runs
 
@@ -144,7 +144,7 @@ class Workbench:
 
     def _install(self, trial: Trial) -> None:
         """Install the operator again only where another configuration needs it otherwise."""
-        wanted = trial.configuration.agent, trial.configuration.settle
+        wanted = trial.configuration.agent, trial.configuration.realtime, trial.configuration.settle
         if self._installed != wanted:
             installation.stop_robot()
             installation.install(trial.configuration)

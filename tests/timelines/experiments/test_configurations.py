@@ -17,6 +17,7 @@ from timelines.experiments.configurations import (
     LINUX,
     LINUX_ADAPTIVE,
     LINUX_GATED,
+    REALTIME,
     STATIC,
     STATIC_GATED,
     STRICTER,
@@ -103,6 +104,13 @@ def test_limits_hold_the_critical_task_above_the_others_by_more():
 
 def test_a_policy_divides_what_its_load_has():
     assert variant(WEIGHTS)["spec"]["reserve"] == "1200m"
+
+
+def test_realtime_divides_the_period_or_leaves_the_containers_alone():
+    policy = parse(variant(REALTIME))
+    assert policy.enforcement.scheduler == "Realtime"
+    assert policy.enforcement.realtime_fallback == "None"
+    assert suspensions(variant(REALTIME)) == suspensions(variant(WEIGHTS_GATED))
 
 
 def test_the_policies_are_not_changed():

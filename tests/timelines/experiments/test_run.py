@@ -20,10 +20,11 @@ from timelines.demo import cgroup, deploy
 from timelines.experiments import collect, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
-from timelines.experiments.blocks import HEAVY, Trial
+from timelines.experiments.blocks import HEAVY, UNSLOWED, Trial
 from timelines.experiments.calm import DisturbedError
 from timelines.experiments.capacity import WHOLE, Capacity
-from timelines.experiments.configurations import ALONE, LINUX, STATIC, WEIGHTS, WEIGHTS_AT_ONCE
+from timelines.experiments.configurations import ALONE, LINUX, REALTIME, STATIC, WEIGHTS, WEIGHTS_AT_ONCE
+from timelines.experiments.cpu_account import SLOWING
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.machine import Machine
 from timelines.experiments.raw_data import RUN, read_run
@@ -121,6 +122,16 @@ def test_limits_are_of_the_speed_that_a_processor_has_beside_the_tasks(node, mon
     monkeypatch.setattr(installation, "decide", lambda _, __, there, ___: told.append(there))
     execute(TRIAL, conditions(tmp_path), tmp_path / "run")
     assert told == [pytest.approx(1.8)]
+
+
+def test_realtime_runs_on_processors_as_they_are(node, monkeypatch, tmp_path):  # noqa: ARG001
+    """What slows them would compete with its tasks."""
+    monkeypatch.setattr(run_module, "speed", lambda _: 2 * WHOLE)
+    monkeypatch.setattr(run_module, "slowed", None)
+    execute(TRIAL._replace(load=UNSLOWED, configuration=REALTIME), conditions(tmp_path), tmp_path / "run")
+    about = read_run(tmp_path / "run").about["about"]
+    assert about["pace"] == {"speed": 2 * WHOLE, "left": 1.0, "worst": 1.0}
+    assert about["cpu"][SLOWING] == 0
 
 
 def test_a_run_with_static_weights_has_them(node, tmp_path):  # noqa: ARG001
@@ -243,6 +254,8 @@ def test_the_bus_is_the_same_with_and_without_the_agent(monkeypatch):
     assert without <= with_agent
     installation.install(WEIGHTS_AT_ONCE)
     assert {word for word in said[-1] if "=" in word} - with_agent == {"agent.settleSeconds=2"}
+    installation.install(REALTIME)
+    assert {word for word in said[-1] if "=" in word} - with_agent == {"agent.realtime=true"}
 
 
 def test_a_policy_that_stays_ends_the_run(monkeypatch):
