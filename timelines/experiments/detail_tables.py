@@ -11,7 +11,7 @@ from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, part_of
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX
 from timelines.experiments.paired import bootstrap
-from timelines.experiments.tables import NONE, gain, percent, runs_of, short, table
+from timelines.experiments.tables import NONE, all_runs, gain, percent, runs_of, short, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -97,6 +97,20 @@ def player(evidence: Evidence, load: str) -> str:
     return table(["", "player late, median", "99 %", "busiest before a run"], rows)
 
 
+def measures(evidence: Evidence) -> str:
+    """What the machine was measured to do before the runs, and how many followed each measure. Empty without any."""
+    found: dict[tuple[float, float], list[str]] = {}
+    for record in all_runs(evidence):
+        if "beside" in record.about:
+            found.setdefault((record.about["whole"], record.about["beside"]), []).append(record.about["date"])
+    rows = [
+        [min(dates)[:10], f"{whole:.0f}", f"{100 * beside:.0f} %", str(len(dates))]
+        for (whole, beside), dates in sorted(found.items(), key=lambda one: min(one[1]))
+    ]
+    head = ["", "a whole processor, turns a second", "left of an undisturbed one beside the tasks", "runs"]
+    return table(head, rows) if rows else ""
+
+
 def predictions(evidence: Evidence) -> str:
     """Misses as predicted before the runs, as measured, and as under Linux default; then how far off each answer is."""
     rows, off = [], []
@@ -124,8 +138,8 @@ def _hit(runs: Sequence[Run], task: str) -> float:
 
 def doubts(evidence: Evidence) -> str:
     """A line for each reason to doubt the runs. Empty without any."""
-    every = [one for blocks in evidence.runs.values() for one in blocks.values()]
-    return "".join((*_given_up(every), *_begun_again(every), *_violated(every), *_mixed(every)))
+    runs = all_runs(evidence)
+    return "".join((*_given_up(runs), *_begun_again(runs), *_violated(runs), *_mixed(runs)))
 
 
 def _given_up(every: Iterable[Record]) -> Iterator[str]:

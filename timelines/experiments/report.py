@@ -109,7 +109,7 @@ def _claim(found: Sequence[Verdict]) -> str:
 
 
 def _machine(evidence: Evidence) -> str:
-    every = [record for blocks in evidence.runs.values() for record in blocks.values()]
+    every = tables.all_runs(evidence)
     machines = {
         "{processor}, {cores} cores, {memory_gib} GiB, Linux {kernel}".format(**one.about["machine"]) for one in every
     }
@@ -198,6 +198,8 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
         yield "## What was calibrated, and then frozen\n"
         yield detail_tables.calibrated(evidence.frozen)
     yield tables.alone(evidence)
+    yield "## What the machine was measured to do\n"
+    yield detail_tables.measures(evidence)
     for load in (HEAVY, LIGHT, *SWEEP, PAPERS_LOAD):
         if tables.runs_of(evidence, load):
             yield from _details_of_load(evidence, load)
@@ -210,7 +212,7 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
         yield RIVALRY
         yield "![Signs in time while reading against SLAM while driving, by set of weights](figures/static.svg)\n"
     yield "## Reasons to doubt single runs\n"
-    yield detail_tables.doubts(evidence)
+    yield detail_tables.doubts(evidence) or "None.\n"
     yield "## Every case of every goal\n"
     for verdict in found:
         yield f"### {verdict.goal.name}, {verdict.goal.load} load\n"

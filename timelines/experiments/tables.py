@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from timelines.experiments.evidence import Evidence
     from timelines.experiments.metrics import Run
     from timelines.experiments.paired import Interval
+    from timelines.experiments.record import Record
     from timelines.experiments.verdicts import Verdict
 
 NONE = "-"
@@ -109,12 +110,17 @@ def of_load(evidence: Evidence, load: str) -> str:
     return table([*head, "CPU of the tasks", "of the control", "of all else"], rows) if found else ""
 
 
+def all_runs(evidence: Evidence) -> list[Record]:
+    """All runs, in no order that matters."""
+    return [record for blocks in evidence.runs.values() for record in blocks.values()]
+
+
 def costs(evidence: Evidence, load: str) -> str:
     """What was done in time of all that came, in percent, and how right it was: what each division costs whom."""
     found = runs_of(evidence, load)
-    every = [run for runs in found.values() for run in runs]
-    sharing = [task for task in CONTENDING if any(task in run.schedule.inputs for run in every)]
-    judged = {task: what for task, what in JUDGED.items() if any(task in run.record.accuracy for run in every)}
+    compared = [run for runs in found.values() for run in runs]
+    sharing = [task for task in CONTENDING if any(task in run.schedule.inputs for run in compared)]
+    judged = {task: what for task, what in JUDGED.items() if any(task in run.record.accuracy for run in compared)}
     rows = []
     for name, runs in found.items():
         done = [_in_time(rates.endings(runs, task)) for task in sharing]

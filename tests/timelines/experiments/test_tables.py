@@ -151,6 +151,14 @@ def test_the_players_own_lateness_is_reported():
     assert cells[1:] == ["0.1 ms", "0.1 ms", "10 %"]
 
 
+def test_runs_after_different_measures_of_the_machine_are_counted_apart():
+    later = changed(a_run("linux", block=1), whole=430000, beside=0.78, date="2026-11-29T03:00:00+00:00")
+    measures = detail_tables.measures(evidence(changed(a_run("linux"), whole=551658, beside=0.918), later))
+    assert row(measures, "2026-11-26")[1:] == ["551658", "92 %", "1"]
+    assert row(measures, "2026-11-29")[1:] == ["430000", "78 %", "1"]
+    assert detail_tables.measures(evidence()) == ""
+
+
 def test_a_run_that_was_given_up_is_named():
     doubts = detail_tables.doubts(evidence(given_up(a_run("linux"))))
     assert doubts.startswith("- delivery, heavy load, Linux default, block 1: inputs")
