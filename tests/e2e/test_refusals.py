@@ -101,21 +101,21 @@ def test_deferred_resize_is_reported_and_carried_out_when_there_is_room(robot):
 
 def test_resize_beyond_the_node_is_reported_until_the_plan_is_within_it(robot):
     """The requests of all containers of a pod count, and the API refuses what the node does not have."""
-    big = pod("slam", robot.namespace, IDLE, GUARANTEED)
-    size = {"cpu": f"{allocatable() - 950}m", "memory": "64Mi"}
-    container = big["spec"]["containers"][0]
-    big["spec"]["containers"].append({**container, "name": "big", "resources": {"requests": size, "limits": size}})
-    apply(big)
+    pair = pod("slam", robot.namespace, IDLE, GUARANTEED)
+    size = {"cpu": "100m", "memory": "64Mi"}
+    container = pair["spec"]["containers"][0]
+    pair["spec"]["containers"].append({**container, "name": "other", "resources": {"requests": size, "limits": size}})
+    apply(pair)
     robot.start("speech")
     run("kubectl", "wait", "pod/slam", "-n", robot.namespace, "--for=condition=Ready", "--timeout=60s")
-    robot.policy()
+    robot.policy(reserve="50m")
     robot.drive(0.3)
     until(
         "the status says why",
         lambda: "enough allocatable resources" in (now := robot.condition("Applied"))[1] or now,
     )
     assert "raise the policy's reserve or lower the task's max" in robot.condition("Applied")[1]
-    robot.policy(tasks=[task("slam", container="slam", max="550m"), task("speech")])
+    robot.policy(reserve="50m", tasks=[task("slam", container="slam", max="550m"), task("speech")])
     until("the plan is within it", lambda: robot.api_limit("slam") == "550m")
     until("the status is well again", lambda: (now := robot.condition("Applied"))[0] == "True" or now)
 
