@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,12 @@ def costs():
 @pytest.fixture(scope="module")
 def chains():
     return table("frames that led to a wheel command")
+
+
+def test_blocks_are_counted(heavy):
+    counted = {heavy[row]["blocks"] for row in ROWS}
+    assert [{count} for count in re.findall(r"(\d+) randomised blocks", README)] == [counted]
+    assert [{count} for count in re.findall(r"(\d+) blocks of two held-out stories", PAGE)] == [counted]
 
 
 @pytest.mark.parametrize("page", [README, PAGE], ids=["README", "page"])

@@ -36,7 +36,9 @@ def test_modules_and_contexts_have_their_colours(picture):
     assert used - {*MODULE_COLORS.values(), *task_colors(TASKS).values(), *CONTEXT_COLORS, INK, OTHERS} == set()
 
 
-@pytest.mark.parametrize("picture", [one for one in listed("operator/*.png") if not one.endswith("-dark.png")])
+@pytest.mark.parametrize(
+    "picture", [one for one in listed("*.png") if not one.endswith("-dark.png") and "/data/" not in one]
+)
 def test_a_photograph_of_a_page_has_a_dark_one_beside_it(picture):
     dark = Path(picture).with_stem(f"{Path(picture).stem}-dark")
     assert (ROOT / dark).exists(), "PICTURES=1 on the node, tests/heavy/node/test_live_page_pictures.py"

@@ -15,7 +15,7 @@ from timelines.experiments.stories import HELD_OUT
 
 FRAMES = 10
 WIDTH = 120
-"""Pixels of a frame: in print, as many as the eye resolves."""
+"""Pixels of a frame."""
 
 
 def main() -> None:

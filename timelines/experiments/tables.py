@@ -44,7 +44,7 @@ def short(value: float) -> str:
 
 
 def percent(found: Interval | None) -> str:
-    """A rate with its interval, where there is more than a point of it."""
+    """A rate with its interval, unless the ends of that are printed alike."""
     if found is None:
         return NONE
     mean, low, high = (f"{100 * one:.1f}" for one in (found.mean, found.low, found.high))
