@@ -1,6 +1,7 @@
 """The newest samples of all inputs. The bus never waits: samples a slow task can't take are dropped and counted.
 
-A task that resumes asks for the sample that was published just before: what made it resume was often seen there.
+A task that resumes asks for the sample that was published just before: what made it resume was often seen there. Only
+inputs of depth 1 do: a queue is for what must not be skipped, such as orders, and one of those alone may be revoked.
 """
 
 from __future__ import annotations
@@ -63,8 +64,10 @@ class Inputs:
         self._session = session
         self._declared = declared
         self._deadline = deadline
-        self._latest = dict.fromkeys(declared, 0)
-        """The stamp of the newest sample that arrived of each input."""
+        self._latest: dict[str, int] = {}
+        """The stamp of the newest sample that arrived on each key, at most the time of its arrival."""
+        self._given: dict[str, int] = {}
+        """The stamp of the last answer that was taken on each key."""
         self._queues: dict[str, deque[_Arrived]] = {
             name: deque(maxlen=declaration.depth) for name, declaration in declared.items()
         }
@@ -90,7 +93,8 @@ class Inputs:
         ]
         if self._deadline is not None:
             for name, declaration in self._declared.items():
-                self._ask(name, declaration.key, self._deadline)
+                if declaration.depth == 1:
+                    self._ask(name, declaration.key, self._deadline)
 
     def pause(self) -> None:
         """Unsubscribe, so that not even the transport costs CPU, and clear the queues."""
@@ -137,7 +141,11 @@ class Inputs:
 
     def _receiver(self, name: str) -> Callable[[zenoh.Sample], None]:
         def receive(sample: zenoh.Sample) -> None:
-            self._enqueue(name, sample, attached(sample), time.time_ns())
+            own, now = attached(sample), time.time_ns()
+            with self._changed:
+                # The answer may overtake the sample itself: callbacks run on threads of their own.
+                if own.stamp is None or own.stamp > self._given.get(str(sample.key_expr), -1):
+                    self._enqueue(name, sample, own, now)
 
         return receive
 
@@ -153,7 +161,7 @@ class Inputs:
         )
 
     def _answered(self, name: str, deadline: float) -> Callable[[zenoh.Reply], None]:
-        """Takes an answer unless it has no stamp, is too old, or has arrived or been followed by a newer one."""
+        """Takes an answer unless it has no stamp of the last `deadline` seconds, or it or a newer one has arrived."""
         subscribers = self._subscribers
 
         def receive(reply: zenoh.Reply) -> None:
@@ -161,17 +169,22 @@ class Inputs:
             own = attached(sample) if sample else NOTHING
             with self._changed:
                 paused = self._subscribers is not subscribers
-                if sample and own.stamp and own.stamp > max(self._latest[name], now - deadline * 1e9) and not paused:
+                if sample is None or own.stamp is None or paused:
+                    return
+                key = str(sample.key_expr)
+                if max(self._latest.get(key, 0), now - deadline * 1e9) < own.stamp <= now:
+                    self._given[key] = own.stamp
                     self._enqueue(name, sample, own, now)
 
         return receive
 
     def _enqueue(self, name: str, sample: zenoh.Sample, own: Attached, received: int) -> None:
-        arrived = _Arrived(sample.payload, own, received, str(sample.key_expr))
+        key = str(sample.key_expr)
+        arrived = _Arrived(sample.payload, own, received, key)
         queue = self._queues[name]
         self.shared[name] += sample.payload.as_shm() is not None
         with self._changed:
-            self._latest[name] = max(self._latest[name], own.stamp or received)
+            self._latest[key] = max(self._latest.get(key, 0), min(own.stamp or received, received))
             self.dropped[name] += len(queue) == queue.maxlen
             queue.append(arrived)
             self._changed.notify_all()

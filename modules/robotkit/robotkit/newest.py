@@ -1,7 +1,4 @@
-"""A stream's newest sample, for subscribers that come just after it was published: the answer to a query for its key.
-
-A storage of Zenoh answers the same query, so that subscribers need not know which of the two there is.
-"""
+"""A stream's newest sample, for who subscribes just after it was published: the answer to a query for its key."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ class Outputs:
         attached = self._attachment(result.output, now, payload)
         self._publishers[result.output].put(payload, attachment=attached)
         if newest := self._newest.get(result.output):
-            newest.keep(payload, attached)  # later: it never reaches a subscriber before the publication
+            newest.keep(payload, attached)
 
     def _attachment(self, output: str, now: int, payload: bytes) -> bytes:
         """Our own attachment, or for ROS messages that of rmw_zenoh, which rejects messages without it."""
