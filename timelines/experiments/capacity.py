@@ -43,7 +43,7 @@ class Capacity(NamedTuple):
     def reserve(self, cores: int, speed: float) -> str:
         """What a policy must not divide on a node with so many cores: CPU time that the tasks can't have.
 
-        `speed` is what a processor does undisturbed, in whole ones.
+        `speed` is what a processor does, in whole ones.
         """
         there = self.processors * self.part * 1000
         beside = KUBERNETES * self.part if self.processors == cores else 0.0

@@ -99,25 +99,24 @@ def player(evidence: Evidence, load: str) -> str:
 
 def measures(evidence: Evidence) -> str:
     """What the machine was measured to do before the runs, and how many followed each measure. Empty without any."""
-    found: dict[tuple[float, float], list[Record]] = {}
+    found: dict[float, list[Record]] = {}
     for record in all_runs(evidence):
-        if "beside" in record.about:
-            found.setdefault((record.about["whole"], record.about["beside"]), []).append(record)
+        if "expected" in record.about:
+            found.setdefault(record.about["whole"], []).append(record)
     rows = []
-    for (whole, beside), runs in found.items():
+    for whole, runs in found.items():
         off = sorted(_counted_on(one) for one in runs)
         spread = f"{median(off):.2f} ({off[0]:.2f} to {off[-1]:.2f})"
         first = min(one.about["date"][:10] for one in runs)
-        rows.append([first, f"{whole:.0f}", f"{100 * beside:.0f} %", spread, str(len(runs))])
-    head = ["", "a whole processor, turns a second", "left of an undisturbed one beside the tasks"]
+        rows.append([first, f"{whole:.0f}", spread, str(len(runs))])
+    head = ["", "a whole processor, turns a second"]
     head += ["speed that limits counted on, of that in the run: median (range)", "runs"]
     return table(head, sorted(rows)) if rows else ""
 
 
 def _counted_on(record: Record) -> float:
-    """The speed that the processors seemed to have just before the run, as a part of what it was in the run."""
-    about = record.about
-    return float(about["undisturbed"] * about["beside"] * about["whole"] / about["pace"]["speed"])
+    """The speed that was expected of the processors, as a part of what it was in the run."""
+    return float(record.about["expected"] / record.about["pace"]["speed"])
 
 
 def predictions(evidence: Evidence) -> str:

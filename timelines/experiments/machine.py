@@ -1,4 +1,4 @@
-"""How fast a whole processor is on this machine, from what the tasks themselves take there. Pure.
+"""How fast a processor is on this machine: what counts as a whole one, and what one does in a run. Pure.
 
 Machines differ in the speed of a small loop by more than in that of the tasks, which also wait for memory: where the
 loop ran 1.7 times as fast, the same inputs took 1.25 times as many of its turns. With as many turns a second as during
@@ -7,7 +7,9 @@ calibration the tasks would ask for a quarter more than was frozen.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections import deque
+from statistics import median
+from typing import TYPE_CHECKING
 
 from timelines.experiments.calm import DisturbedError
 from timelines.experiments.capacity import WHOLE
@@ -16,19 +18,35 @@ from timelines.experiments.metrics import Pair, Run, cpu_per_input
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from timelines.experiments.capacity import Capacity
+
 CLOSE = 0.03
 """How far the work for the same inputs may be from the calibration's."""
 TRIES = 4
 
 
-class Machine(NamedTuple):
-    """How fast a processor is here: so many turns of the loop a second count as a whole one.
+LATEST = 5
+"""Runs whose median says how fast the next one will be: a single one may have been disturbed."""
 
-    Beside the tasks it does only the part `beside` of what it does undisturbed: a limit hands out CPU time of that.
+
+class Speeds:
+    """How fast the processors were in the latest runs, in turns of the loop in a second of CPU.
+
+    Not what one does just before a run: with nothing on it, it does up to twice as much or as little.
     """
 
-    whole: float = WHOLE
-    beside: float = 1.0
+    def __init__(self) -> None:
+        self._all: deque[float] = deque(maxlen=LATEST)
+        self._of: dict[Capacity, deque[float]] = {}
+
+    def add(self, capacity: Capacity, speed: float) -> None:
+        """Note how fast they were in a run on such processors."""
+        self._all.append(speed)
+        self._of.setdefault(capacity, deque(maxlen=LATEST)).append(speed)
+
+    def expected(self, capacity: Capacity) -> float:
+        """How fast such processors will be, or any, if none was like them; a whole one before the first run."""
+        return median(self._of.get(capacity) or self._all or [WHOLE])
 
 
 def whole_here(reference: Run, play: Callable[[float], Run]) -> float:
@@ -46,11 +64,6 @@ def whole_here(reference: Run, play: Callable[[float], Run]) -> float:
     raise DisturbedError(
         f"the tasks took {times:.0%} of the calibration's work after {TRIES} runs: expected about 100%"
     )
-
-
-def beside(run: Run) -> float:
-    """The part of its speed just before a run, undisturbed, that a processor had in it."""
-    return run.speed / float(run.record.about["undisturbed"])
 
 
 def _work(run: Run, reference: Run) -> float:

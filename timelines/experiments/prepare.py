@@ -13,7 +13,7 @@ from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
 from timelines.experiments.halving import candidates, halved
-from timelines.experiments.machine import Machine, beside, whole_here
+from timelines.experiments.machine import whole_here
 from timelines.experiments.metrics import Run
 from timelines.experiments.predictions import predict, slowed_down
 from timelines.experiments.record import RecordError, block, records, write_whole
@@ -88,7 +88,7 @@ class Preparation:
             began = f"{dt.datetime.now(tz=dt.UTC):%Y%m%d-%H%M%S}"
 
             def play(whole: float) -> Run:
-                self._bench.machine = Machine(whole)
+                self._bench.whole = whole
                 place = f"machine/{began}-{len(runs) + 1}"
                 runs[place] = self._each_alone(setting, TUNING[0], place)
                 return runs[place]
@@ -96,9 +96,7 @@ class Preparation:
             whole = whole_here(self._reference(setting), play)
             self._keep(f"machine-{began}", runs.values())
             self._measured = list(runs.items())[-1]
-            self._bench.machine = machine = Machine(whole, beside(self._measured[1]))
-            kept = f"beside the tasks {machine.beside:.0%} of what it does undisturbed"
-            self._progress.say(f"here a whole processor is {whole:.0f} turns a second, and {kept}")
+            self._progress.say(f"here a whole processor is {whole:.0f} turns a second")
         return self._measured
 
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:

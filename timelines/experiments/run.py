@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from contextpolicy.streams.timeline import Timeline
     from timelines.experiments.blocks import Trial
     from timelines.experiments.capacity import Capacity
-    from timelines.experiments.machine import Machine
     from timelines.experiments.slowed import Thieves
 
 PROFILE = "robot/*/profile"
@@ -58,13 +57,15 @@ BACKLOG = 2
 class Conditions:
     """What a run happens under: its timeline and recordings, and what the tasks share.
 
+    `whole` turns of the loop a second count as a whole processor, and `expected` ones will be done in a second of CPU.
     `weights` are the searched ones, for a configuration that has static weights. `code` is the commit that runs.
     """
 
     timeline: Path
     datasets: Path
     capacity: Capacity
-    machine: Machine
+    whole: float
+    expected: float
     weights: Mapping[str, int]
     code: str
 
@@ -74,10 +75,8 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     wait_until_calm()  # what stops or starts on the other processors slows this one
-    machine = conditions.machine
-    undisturbed = speed(min(confine.first(conditions.capacity.processors))) / machine.whole
-    there = undisturbed * machine.beside
-    installation.start_robot(trial, conditions.weights, there, folder)
+    speed_there = conditions.expected / conditions.whole
+    installation.start_robot(trial, conditions.weights, speed_there, folder)
     try:
         with (
             installation.session("sensor") as sensors,
@@ -87,9 +86,8 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
             heard.wait_until_ready(tasks_of(trial.story))
             gate: AbstractContextManager[object] = Gate(viewer) if trial.configuration.relayed else nullcontext()
             with gate:
-                installation.decide(trial, conditions.capacity, there, folder)
+                installation.decide(trial, conditions.capacity, speed_there, folder)
                 found = _Recording(trial, conditions, sensors, viewer, heard).make(folder)
-        found["about"] |= {"undisturbed": round(undisturbed, 3), "beside": round(machine.beside, 3)}
         write_whole(folder / RUN, json.dumps(found).encode())
     finally:
         installation.stop_robot()
@@ -168,7 +166,8 @@ class _Recording:
             "code": self._conditions.code,
             "load": calm,
             "capacity": list(capacity),
-            "whole": round(self._conditions.machine.whole),
+            "whole": round(self._conditions.whole),
+            "expected": round(self._conditions.expected),
             "pace": thieves.pace()._asdict(),
             "seconds": round(took, 2),
             "cpu": account.spent,
@@ -182,7 +181,7 @@ class _Recording:
         """What leaves the tasks' processors their pace while they play."""
         if self._trial.load == UNSLOWED:
             return nullcontext(Untouched(speed(min(processors))))
-        return slowed(self._conditions.capacity.part * self._conditions.machine.whole, processors)
+        return slowed(self._conditions.capacity.part * self._conditions.whole, processors)
 
     def _play(self) -> tuple[list[Report], bool]:
         reports, drained = [], True

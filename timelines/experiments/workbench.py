@@ -12,10 +12,10 @@ from timelines.demo import deploy
 from timelines.experiments import collect, installation
 from timelines.experiments.accuracy import Judge
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import Capacity
+from timelines.experiments.capacity import WHOLE, Capacity
 from timelines.experiments.code_version import code_version
 from timelines.experiments.evidence import ENDING
-from timelines.experiments.machine import Machine
+from timelines.experiments.machine import Speeds
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute
@@ -64,11 +64,15 @@ class Setting:
 
 
 class Workbench:
-    """Does single runs, none of them twice: what is finished is read again. `machine` is how fast this one is."""
+    """Does single runs, none of them twice: what is finished is read again.
+
+    `whole` turns a second count as a whole processor here.
+    """
 
     def __init__(self, folders: Folders) -> None:
         self.folders = folders
-        self.machine = Machine()
+        self.whole = WHOLE
+        self._speeds = Speeds()
         self.took: dict[str, tuple[float, float]] = {}
         self._installed: tuple[bool, bool, float | None] | None = None  # nothing is
         self._schedules: dict[str, Schedule] = {}
@@ -109,8 +113,12 @@ class Workbench:
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
         began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
-        conditions = Conditions(timeline, self.folders.datasets, setting.capacity, self.machine, weights, self._code)
+        expected = self._speeds.expected(setting.capacity)
+        conditions = Conditions(
+            timeline, self.folders.datasets, setting.capacity, self.whole, expected, weights, self._code
+        )
         found, failures = self._tried(trial, conditions, folder, due)
+        self._speeds.add(setting.capacity, found.about["pace"]["speed"])
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))
         self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())

@@ -25,7 +25,6 @@ ABOUT: dict[str, Any] = {
     "code": "abc1234",
     "failures": [],
     "violations": [],
-    "undisturbed": 1.0,
     "seconds": 10.0,
     "finished": 10.5,
     "cpu": {"machine": 8.0, "slowing": 1.0, "slam": 1.5, "speech": 0.25, "operator": 0.125, "router": 0.375},

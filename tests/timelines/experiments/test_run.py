@@ -15,7 +15,7 @@ from contextpolicy.streams.timeline import load
 from robotkit import Input, Module, Needs, Task
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
-from tests.timelines.experiments.made_up import a_run
+from tests.timelines.experiments.made_up import a_run, at_speed
 from timelines.demo import cgroup, deploy
 from timelines.experiments import collect, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
@@ -26,7 +26,6 @@ from timelines.experiments.capacity import WHOLE, Capacity
 from timelines.experiments.configurations import ALONE, LINUX, REALTIME, STATIC, WEIGHTS, WEIGHTS_AT_ONCE
 from timelines.experiments.cpu_account import SLOWING
 from timelines.experiments.due import Schedule, Window
-from timelines.experiments.machine import Machine
 from timelines.experiments.raw_data import RUN, read_run
 from timelines.experiments.run import Conditions, TimelineSource, execute
 from timelines.experiments.slowed import Pace, SlowedError
@@ -98,7 +97,7 @@ def at_pace(pace, _):
 def conditions(tmp_path):
     timeline = tmp_path / "short.json"
     timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
-    return Conditions(timeline, tmp_path, Capacity(1, 1.0), Machine(WHOLE, 0.9), {}, "abc1234")
+    return Conditions(timeline, tmp_path, Capacity(1, 1.0), WHOLE, 1.8 * WHOLE, {}, "abc1234")
 
 
 def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
@@ -112,13 +111,12 @@ def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
     assert kept.about["drained"]
     assert kept.about["finished"] > 0
     assert kept.about["code"] == "abc1234"
-    assert kept.about["beside"] == 0.9
+    assert kept.about["expected"] == round(1.8 * WHOLE)
     assert "weights" not in kept.about
 
 
-def test_limits_are_of_the_speed_that_a_processor_has_beside_the_tasks(node, monkeypatch, tmp_path):  # noqa: ARG001
+def test_limits_are_of_the_speed_that_is_expected_of_a_processor(node, monkeypatch, tmp_path):  # noqa: ARG001
     told: list[float] = []
-    monkeypatch.setattr(run_module, "speed", lambda _: 2 * WHOLE)
     monkeypatch.setattr(installation, "decide", lambda _, __, there, ___: told.append(there))
     execute(TRIAL, conditions(tmp_path), tmp_path / "run")
     assert told == [pytest.approx(1.8)]
@@ -170,6 +168,7 @@ class Flaky:
 
     def __init__(self, monkeypatch, *, fails=0, muddled=0, error=deploy.DeployError):
         self.installed, self.runs, self.fails, self.muddled, self.error = 0, 0, fails, muddled, error
+        self.expected: list[float] = []
         monkeypatch.setattr(installation, "stop_robot", lambda: None)
         monkeypatch.setattr(installation, "install", self.install)
         monkeypatch.setattr(workbench, "execute", self.execute)
@@ -179,8 +178,9 @@ class Flaky:
     def install(self, _):
         self.installed += 1
 
-    def execute(self, _, __, folder):
+    def execute(self, _, conditions, folder):
         self.runs += 1
+        self.expected.append(conditions.expected)
         if self.runs <= self.fails:
             raise self.error("helm: timed out")
         folder.mkdir(parents=True, exist_ok=True)
@@ -190,7 +190,7 @@ class Flaky:
         self.muddled -= 1
         if self.muddled >= 0:
             raise ValueError("half a message")
-        return a_run("linux")
+        return at_speed(a_run("linux"), 1.5)
 
 
 def play(tmp_path):
@@ -211,9 +211,16 @@ def test_a_run_that_can_not_be_understood_is_played_again(monkeypatch, tmp_path)
     assert node.runs == 2
 
 
+def test_a_run_is_expected_to_be_as_fast_as_the_one_before(monkeypatch, tmp_path):
+    node, bench = Flaky(monkeypatch), workbench.Workbench(workbench.Folders(*[tmp_path] * 4))
+    for place in ("2-heavy-01", "2-heavy-02"):
+        bench.record(place, TRIAL, workbench.Setting(Capacity(1, 0.4), {}), {})
+    assert node.expected == [WHOLE, 1.5 * WHOLE]
+
+
 def test_a_run_that_was_played_before_it_was_interrupted_is_only_read(monkeypatch, tmp_path):
     node = Flaky(monkeypatch)
-    node.execute(None, None, tmp_path / "runs" / "2-heavy-01" / TRIAL.name)
+    node.execute(None, conditions(tmp_path), tmp_path / "runs" / "2-heavy-01" / TRIAL.name)
     play(tmp_path)
     assert node.runs == 1
 

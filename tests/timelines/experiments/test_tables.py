@@ -152,12 +152,12 @@ def test_the_players_own_lateness_is_reported():
 
 
 def test_runs_after_different_measures_of_the_machine_are_counted_apart():
-    run = changed(a_run("linux"), whole=500000, beside=0.9, undisturbed=2.0, pace={"speed": 1_000_000, "left": 1.0})
-    slow = changed(a_run("static"), whole=500000, beside=0.9, undisturbed=1.0, pace={"speed": 1_000_000, "left": 1.0})
-    later = changed(run, beside=0.5, date="2026-11-29T03:00:00+00:00")
-    measures = detail_tables.measures(evidence(run, slow, replace(later, block=1)))
-    assert row(measures, "2026-11-26")[1:] == ["500000", "90 %", "0.68 (0.45 to 0.90)", "2"]
-    assert row(measures, "2026-11-29")[1:] == ["500000", "50 %", "0.50 (0.50 to 0.50)", "1"]
+    run = changed(a_run("linux"), whole=500000, expected=900_000, pace={"speed": 1_000_000, "left": 1.0})
+    slow = changed(run, expected=450_000)
+    later = changed(slow, whole=510000, date="2026-11-29T03:00:00+00:00")
+    measures = detail_tables.measures(evidence(run, replace(slow, block=1), replace(later, block=2)))
+    assert row(measures, "2026-11-26")[1:] == ["500000", "0.68 (0.45 to 0.90)", "2"]
+    assert row(measures, "2026-11-29")[1:] == ["510000", "0.45 (0.45 to 0.45)", "1"]
     assert detail_tables.measures(evidence()) == ""
 
 
