@@ -41,6 +41,7 @@ THREATS = """\
 - Cores of a virtual server, kept at one speed by realtime threads that take the rest of every 5 ms. Caches and memory
   are not a board's. One kernel, cgroup v1, one kind of machine, blocks within days of each other.
 - Limits divide CPU time by the median speed of the latest runs; [details.md](details.md) has how far off that was.
+  A run is repeated if a message with what a task did was lost, so far only under limits: that may favour them.
 - The kubelet, the API server and the operator may run on a processor beside the tasks': what control costs is then not
   in the hit rates. No context lasts the 30 s after which the API follows; a variant has 2 s.
 - Ten blocks may have nothing of what fails in fewer than one of ten; intervals of three are narrower than 95 %. Hit
