@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 CLOSE = 0.03
 """How far the work for the same inputs may be from the calibration's."""
 TRIES = 4
-
-
 LATEST = 5
 """Runs whose median says how fast the next one will be: a single one may have been disturbed."""
 
@@ -32,7 +30,7 @@ LATEST = 5
 class Speeds:
     """How fast the processors were in the latest runs, in turns of the loop in a second of CPU.
 
-    Not what one does just before a run: with nothing on it, it does up to twice as much or as little.
+    What one does just before a run, with nothing on it, says less: it was 0.6 to 1.5 times what it did in the run.
     """
 
     def __init__(self) -> None:

@@ -57,7 +57,7 @@ BACKLOG = 2
 class Conditions:
     """What a run happens under: its timeline and recordings, and what the tasks share.
 
-    `whole` turns of the loop a second count as a whole processor, and `expected` ones will be done in a second of CPU.
+    `whole` turns of the loop a second count as a whole processor; a second of CPU is `expected` to do so many turns.
     `weights` are the searched ones, for a configuration that has static weights. `code` is the commit that runs.
     """
 

@@ -59,7 +59,7 @@ def test_a_machine_that_changes_from_run_to_run_is_not_measured_on():
 
 
 def test_a_processor_is_expected_to_be_as_fast_as_in_most_of_the_latest_runs():
-    """As measured: 1.2 to 2.1 whole ones just before a run, in which it did 1.6 to 2.0."""
+    """One slow run, or two, were disturbed and do not count; five are another machine."""
     speeds, one = Speeds(), Capacity(1, 0.89)
     for speed in (1.2, 1.9, 1.6, 1.2, 1.8):
         speeds.add(one, speed)
