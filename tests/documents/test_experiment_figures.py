@@ -54,7 +54,7 @@ def test_what_contexts_gain_and_cost(row, page, heavy, costs, chains):
     own, all_, wheels = (one[row] for one in (heavy, costs, chains))
     cells = [
         *(f"{own[column]} %" for column in ("drive: slam", "read: signs")),
-        wheels["99 %"],
+        wheels["frames that led to a wheel command"],
         *(f"{all_[column]} %" for column in ("slam", "signs", "signs read, %")),
         own["CPU of the tasks"],
     ]

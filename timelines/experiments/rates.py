@@ -73,14 +73,18 @@ def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] |
 
 
 def used(runs: Sequence[Run], containers: Iterable[str]) -> float:
-    """CPU seconds of containers, the median over runs."""
+    """Cores that containers used, the median over runs: one in which queues take long to empty lasts longer."""
     names = list(containers)
-    return median(math.fsum(run.record.about["cpu"].get(name, 0.0) for name in names) for run in runs)
+    return median(math.fsum(run.record.about["cpu"].get(name, 0.0) for name in names) / _lasted(run) for run in runs)
 
 
 def used_by_all_else(runs: Sequence[Run]) -> float:
-    """CPU seconds of Kubernetes, of what plays and records, and of strangers; not of what slows the processors."""
-    return median(_else(run.record.about["cpu"]) for run in runs)
+    """Cores that Kubernetes used, what plays and records, and strangers; not what slows the processors."""
+    return median(_else(run.record.about["cpu"]) / _lasted(run) for run in runs)
+
+
+def _lasted(run: Run) -> float:
+    return float(run.record.about["seconds"])
 
 
 def _else(spent: Mapping[str, float]) -> float:

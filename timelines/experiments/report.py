@@ -33,24 +33,28 @@ COSTS = """\
 What was done in time of **all** that came, wanted by a context or not, and the signs that were read right in the end:
 """
 THREATS = """\
+- **Restarted twice after seeing results**: two goals were missed in six blocks, and the design was changed because of a
+  story that is held out; p-values are of the last attempt alone. A block under light load was taken out: that load
+  was not light ([what happened](../../docs/measurements/paper-experiments.md#the-first-attempt)).
 - The stories are invented, their recordings rendered or synthesised: they show how CPU is divided, not how well this
-  robot would do in a building. Only SLAM and signs contend: speech and the arm take little.
+  robot would do in a building. Only SLAM and signs contend.
 - **The load was chosen after pilots** on tuning stories in which static weights sufficed at 1.26 and failed at 1.4.
-  Camera rates, SLAM's queue, priorities, `min`, and the rules for room and deadlines followed from pilots in which
-  context weights missed.
-- Cores of a virtual server, kept at one speed by realtime threads that take the rest of every 5 ms. Caches and memory
-  are not a board's. One kernel, cgroup v1, one kind of machine, blocks within days of each other.
-- Limits divide CPU time by the median speed of the latest runs; [details.md](details.md) has how far off that was.
-  A run is repeated if a message with what a task did was lost, so far only under limits: that may favour them.
-- The kubelet, the API server and the operator may run on a processor beside the tasks': what control costs is then not
-  in the hit rates. No context lasts the 30 s after which the API follows; a variant has 2 s.
-- Ten blocks may have nothing of what fails in fewer than one of ten; intervals of three are narrower than 95 %. Hit
-  rates alone come from few runs, serve all blocks in turn, and count as known.
-- An input's CPU is what its process takes meanwhile: one that waits counts more of what else the bus brings.
-- Navigation's accuracy is not judged, nor its command followed beyond where it is written.
-- Linux default is what the robot's chart requests: 10m for each task, more for the pods with drivers. Static weights
-  were searched with these in place, on stories of the same kind.
-- A VerticalPodAutoscaler decides about once a minute, and a story takes no longer. SCHED_RR and pinning were not run.
+  Camera rates, queues, priorities, `min` and deadlines followed from pilots that context weights missed.
+- Cores of a virtual server, kept at a pace by threads that judge it themselves: two runs seem to have had more, static
+  weights (delivery) and Linux default, gated (inspection), block 4. Without that block SLAM has 76 and 39 % there.
+  Tasks alone ran on 4 % slower processors and older code.
+- Caches and memory are not a board's. One kernel, cgroup v1, one kind of machine, blocks within days.
+- Limits divide CPU time by the median speed of the latest runs, mostly of others and faster; they miss more where
+  that is off ([details.md](details.md)). Runs are repeated where messages were lost or the player was late, so far
+  only under limits and context weights.
+- The kubelet, the API server and the operator may run beside the tasks' processor: what control costs is then not in
+  the hit rates. No context lasts the 30 s after which the API follows.
+- Ten blocks may have nothing of what fails in one of ten; intervals of few are narrower than 95 %. Each task alone
+  comes from few runs and counts as known.
+- An input's CPU is what its process takes meanwhile. Cores count until the queues are empty. Latencies to the wheels
+  are of commands that came.
+- Navigation's accuracy is not judged. Linux default is what the chart requests, 10m a task; static weights were
+  searched with it. A VPA decides once a minute. SCHED_RR and pinning were not run.
 """
 RIVALRY = """\
 Each point is one set of weights that the search for static ones tried, on its first story, once. A set that keeps both

@@ -96,7 +96,7 @@ def gain(found: Interval) -> str:
 
 
 def of_load(evidence: Evidence, load: str) -> str:
-    """A row for each configuration: hit rates in percent, and CPU seconds a run. Empty without runs."""
+    """A row for each configuration: hit rates in percent, and cores used. Empty without runs."""
     found = runs_of(evidence, load)
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
@@ -174,8 +174,8 @@ def _cpu(name: str, runs: Sequence[Run]) -> list[str]:
     if name == ALONE.name:
         return [NONE] * 3
     tasks = runs[0].schedule.inputs
-    seconds = (rates.used(runs, tasks), rates.used(runs, rates.CONTROL), rates.used_by_all_else(runs))
-    return [f"{value:.1f} s" for value in seconds]
+    cores = (rates.used(runs, tasks), rates.used(runs, rates.CONTROL), rates.used_by_all_else(runs))
+    return [f"{value:.2f} cores" for value in cores]
 
 
 def chains(evidence: Evidence, load: str) -> str:

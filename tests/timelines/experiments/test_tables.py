@@ -30,7 +30,7 @@ def test_each_configuration_has_its_hit_rates_by_context():
 
 def test_cpu_is_that_of_tasks_of_control_and_of_all_else():
     """The machine's eight seconds without these, and without the one that slows the processors."""
-    assert row(tables.of_load(SOME, HEAVY), "Linux default")[-3:] == ["1.8 s", "0.5 s", "4.8 s"]
+    assert row(tables.of_load(SOME, HEAVY), "Linux default")[-3:] == ["0.17 cores", "0.05 cores", "0.47 cores"]
 
 
 def test_without_runs_of_a_load_there_is_no_table():
@@ -152,13 +152,23 @@ def test_the_players_own_lateness_is_reported():
 
 
 def test_runs_after_different_measures_of_the_machine_are_counted_apart():
-    run = changed(a_run("linux"), whole=500000, expected=900_000, pace={"speed": 1_000_000, "left": 1.0})
+    run = changed(a_run("limits"), whole=500000, expected=900_000, pace={"speed": 1_000_000, "left": 1.0})
     slow = changed(run, expected=450_000)
     later = changed(slow, whole=510000, date="2026-11-29T03:00:00+00:00")
     measures = detail_tables.measures(evidence(run, replace(slow, block=1), replace(later, block=2)))
     assert row(measures, "2026-11-26")[1:] == ["500000", "0.68 (0.45 to 0.90)", "2"]
     assert row(measures, "2026-11-29")[1:] == ["510000", "0.45 (0.45 to 0.45)", "1"]
     assert detail_tables.measures(evidence()) == ""
+
+
+def test_speed_that_no_limit_follows_from_does_not_hide_how_far_off_it_was():
+    run = changed(a_run("weights"), whole=500000, expected=900_000, pace={"speed": 1_000_000, "left": 1.0})
+    assert detail_tables.measures(evidence(run)) == ""
+
+
+def test_a_run_that_lasts_longer_since_its_queues_empty_slowly_does_not_use_more_cores():
+    longer = evidence(changed(a_run("linux"), seconds=20.0))
+    assert row(tables.of_load(longer, HEAVY), "Linux default")[-3] == "0.09 cores"
 
 
 def test_a_run_that_was_given_up_is_named():
