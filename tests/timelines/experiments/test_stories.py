@@ -19,8 +19,8 @@ from timelines.scenarios.inputs import timeline
 from timelines.scenarios.scenario import load, shipped
 
 FROZEN = {
-    "delivery": "9ba3f6ed1615acd3a85837defab2be991ebbba2a97c46ca7b341d33248bbd716",
-    "inspection": "e8f25c68d9b002032ac6a2e17a0c38dd1edf2b015fe8711110aa25b7157cc853",
+    "guide": "7d7a19dc640b2bfe3647918f04f544b9465119fccb974eef30554fde954925c7",
+    "ward": "90fca090e2c374e0935b50a79ebe4fc302298b87e59100bf41403dded265bc4a",
 }
 OWN = (*TUNING, *HELD_OUT)
 
