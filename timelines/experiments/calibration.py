@@ -12,7 +12,7 @@ from statistics import fmean, median
 from typing import TYPE_CHECKING
 
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP
-from timelines.experiments.capacity import Capacity
+from timelines.experiments.capacity import Capacity, beside
 from timelines.experiments.metrics import contexts
 from timelines.experiments.stories import PROTECTED
 
@@ -92,19 +92,23 @@ def of_load(load: str, runs: Sequence[Run], cores: int) -> Capacity:
     return capacity(load, demand(runs), cores, max(neediest(runs).values()))
 
 
-def asked(runs: Sequence[Run], there: Capacity) -> float:
-    """What all tasks want, as a part of what there is."""
-    return round(sum(demand(runs).values()) / (there.processors * there.part), 2)
+def asked(runs: Sequence[Run], there: Capacity, cores: int) -> float:
+    """What all tasks want, and what runs beside them on the same processors, as a part of what there is."""
+    else_ = beside(there.processors, cores) / 1000
+    return round((sum(demand(runs).values()) + else_) / (there.processors * there.part), 2)
 
 
 def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 0.0) -> Capacity:
     """What makes a load: the fewest processors that are enough, slowed as far as it takes.
 
-    It has room for `least`, what the neediest context's tasks want. All at full speed where the tasks want more.
+    It has room for `least`, what the neediest context's tasks want. Where there are no others all else runs on them,
+    too. A part of more than 1 needs processors that are faster than a whole one.
     """
     needed = max(sum(wanted.values()) / LOADS[load], least / ROOM)
     processors = min(max(math.ceil(needed - SLIGHT), 1), cores)
-    return Capacity(processors, round(min(1.0, max(SLOWEST, needed / processors)), 3))
+    else_ = beside(processors, cores) / 1000
+    needed = max((sum(wanted.values()) + else_) / LOADS[load], least / ROOM + else_)
+    return Capacity(processors, round(max(SLOWEST, needed / processors), 3))
 
 
 def swept(load: str, heavy: Capacity, asked: float) -> Capacity:

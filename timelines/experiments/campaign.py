@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from contextpolicy.errors import ContextPolicyError
 from timelines.demo import deploy
 from timelines.experiments.blocks import seconds_left
-from timelines.experiments.evidence import BLOCKS, ENDING, note_absent, write_schedule
+from timelines.experiments.evidence import BLOCKS, ENDING, REJECTED, note_absent, write_schedule
 from timelines.experiments.record import block, records, write_whole
 
 if TYPE_CHECKING:
@@ -158,9 +158,20 @@ class Campaign:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, block(found.values()))
         self._cells[group] = frozenset(found)
+        self._keep_rejected(group, done)
         failed = commit_folder(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
         if failed:  # the block is kept, and the next commit has it
             self._progress.say(failed)
+
+    def _keep_rejected(self, group: str, done: Sequence[Trial]) -> None:
+        """Write the attempts at these runs that do not count, beside those at others that a file has."""
+        path = self._bench.folders.data / REJECTED / f"{group}{ENDING}"
+        before = records(path.read_bytes()) if path.exists() else []
+        found = {one.about["date"]: one for one in before}
+        found |= {one.about["date"]: one for trial in done for one in self._bench.rejected(group, trial)}
+        if found:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, block(found.values()))
 
     def _path(self, group: str) -> Path:
         return self._bench.folders.data / BLOCKS / f"{group}{ENDING}"

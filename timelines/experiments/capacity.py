@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 STEP = 10
 """Thousandths of a core, in which a policy divides."""
-KUBERNETES = 200
-"""Thousandths of a core for Kubernetes and the operator, where they run on the same processors."""
-
+BESIDE = 700
+"""Thousandths of a whole processor for all that runs beside the tasks where it has to share their processors: kubelet,
+API server, containerd, router, operator, and what plays and records (0.68, the median of ten runs on two)."""
 
 WHOLE = 430_000.0
 """What counts as a whole processor, in turns a second of the loop in `thief`, by Python 3.11, on the machine where it
@@ -45,9 +45,13 @@ class Capacity(NamedTuple):
 
         `speed` is what a processor does, in whole ones.
         """
-        there = self.processors * self.part * 1000
-        beside = KUBERNETES * self.part if self.processors == cores else 0.0
-        return format_cpu(cores * 1000 - int((there - beside) / speed // STEP * STEP))
+        there = self.processors * self.part * 1000 - beside(self.processors, cores)
+        return format_cpu(cores * 1000 - int(there / speed // STEP * STEP))
+
+
+def beside(processors: int, cores: int) -> int:
+    """Thousandths of a whole processor that all else takes of so many processors: none where it has others."""
+    return BESIDE if processors == cores else 0
 
 
 def in_cpu_time(policy: Mapping[str, Any], speed: float) -> dict[str, Any]:

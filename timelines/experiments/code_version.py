@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 UNKNOWN = "unknown"
 REPORTING = (
     *("report.py", "tables.py", "detail_tables.py", "pictures.py", "film.py"),
-    *("rates.py", "verdicts.py", "paired.py"),
+    *("rates.py", "verdicts.py", "paired.py", "doubts.py"),
 )
 CODE = (
     *("operator", "modules", "charts", "crds", "config", "timelines", "tests/node", "pyproject.toml"),

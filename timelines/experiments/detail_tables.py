@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import datetime as dt
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending
-from timelines.experiments.blocks import HEAVY, part_of
+from timelines.experiments.blocks import HEAVY
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX
 from timelines.experiments.paired import bootstrap
 from timelines.experiments.tables import NONE, all_runs, gain, percent, runs_of, short, table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from timelines.experiments.evidence import Evidence
     from timelines.experiments.metrics import Run
     from timelines.experiments.record import Record
     from timelines.experiments.verdicts import Verdict
-
-APART = dt.timedelta(hours=2)
-"""Between a block's first run and its last: beyond this it was interrupted."""
 
 
 def calibrated(frozen: Mapping[str, Any]) -> str:
@@ -142,56 +138,6 @@ def predictions(evidence: Evidence) -> str:
 def _hit(runs: Sequence[Run], task: str) -> float:
     found = rates.whole(runs, task)
     return found.mean if found else 1.0
-
-
-def doubts(evidence: Evidence) -> str:
-    """A line for each reason to doubt the runs. Empty without any."""
-    runs = all_runs(evidence)
-    return "".join((*_given_up(runs), *_begun_again(runs), *_violated(runs), *_mixed(runs)))
-
-
-def _given_up(every: Iterable[Record]) -> Iterator[str]:
-    for one in every:
-        if not one.about["drained"]:
-            yield (
-                f"- {_name(one)}: inputs still waited when it was given up; it takes no part in comparisons of"
-                " total times.\n"
-            )
-
-
-def _begun_again(every: Iterable[Record]) -> Iterator[str]:
-    for one in every:
-        if failures := one.about["failures"]:
-            reasons = "; ".join(dict.fromkeys(" ".join(reason.split()) for reason in failures))
-            yield f"- {_name(one)}: begun {len(failures) + 1} times: {reasons}.\n"
-
-
-def _violated(every: Iterable[Record]) -> Iterator[str]:
-    for one in every:
-        if violations := one.about["violations"]:
-            yield f"- {_name(one)}: counted as it was, though {'; '.join(violations)}.\n"
-
-
-def _mixed(every: Iterable[Record]) -> Iterator[str]:
-    """Blocks of which the runs differ in more than the configuration, or are hours apart."""
-    blocks: dict[tuple[int, str, int], list[Record]] = {}
-    for one in every:
-        blocks.setdefault((part_of(one.load, one.configuration), one.load, one.block), []).append(one)
-    for (_, load, block), own in sorted(blocks.items()):
-        codes = sorted({str(one.about["code"]) for one in own})
-        kernels, processors = (
-            sorted({str(one.about["machine"][what]) for one in own}) for what in ("kernel", "processor")
-        )
-        dates = sorted(dt.datetime.fromisoformat(one.about["date"]) for one in own)
-        if max(len(codes), len(kernels), len(processors)) > 1 or dates[-1] - dates[0] > APART:
-            yield (
-                f"- {load} load, block {block + 1}: its runs are not all alike: code {', '.join(codes)};"
-                f" kernel {', '.join(kernels)}; {', '.join(processors)}; {dates[0]:%F %H:%M} to {dates[-1]:%F %H:%M}.\n"
-            )
-
-
-def _name(one: Record) -> str:
-    return f"{one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}"
 
 
 def cases(verdict: Verdict) -> str:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from timelines.experiments.stories import Story
 
 BLOCKS, SCHEDULES, FROZEN, ABSENT = "blocks", "schedules", "frozen.json", "not-run.json"
+REJECTED = "rejected"
+"""Folder of the attempts that were played and do not count, by block."""
 PREPARED = "preparation"
 """Folder of the runs that findings follow from, beside the blocks, which have the figures."""
 SEARCHES, SEARCH = ("ungated", "gated"), "tuning-"
@@ -43,7 +45,8 @@ class Evidence:
     """`runs` are by load, story and configuration, then by block; `frozen` is what was calibrated before them.
 
     `absent` are runs that were wanted and could not be done; `searched` are those of all static weights that were
-    tried, by the name of their search; `films` are the strips of frames that pictures show, by story.
+    tried, by the name of their search; `films` are the strips of frames that pictures show, by story; `rejected` are
+    attempts that were played and do not count.
     """
 
     schedules: Mapping[str, Schedule]
@@ -52,6 +55,7 @@ class Evidence:
     absent: Sequence[Absent] = ()
     searched: Mapping[str, Sequence[Run]] = field(default_factory=dict)
     films: Mapping[str, Path] = field(default_factory=dict)
+    rejected: Sequence[Record] = ()
 
     @classmethod
     def read(cls, folder: Path) -> Evidence:
@@ -67,7 +71,12 @@ class Evidence:
             [one for one in read_absent(folder) if one.block not in found.get(one[:3], {})],
             {name: read_search(folder, name) for name in SEARCHES},
             {path.stem: path for path in sorted((folder / FILM).glob("*.png"))},
+            [one for path in sorted((folder / REJECTED).glob(f"*{ENDING}")) for one in records(path.read_bytes())],
         )
+
+    def every(self) -> Iterator[Run]:
+        """All runs that count."""
+        return (Run(self.schedules[story], one) for (_, story, _), own in self.runs.items() for one in own.values())
 
     def of(self, load: str, story: str, configuration: str) -> list[Run]:
         """Its runs, by block."""

@@ -1,4 +1,4 @@
-"""How fast a processor is on this machine: what counts as a whole one, and what one does in a run. Pure.
+"""What this machine is, and what counts as a whole processor on it.
 
 Machines differ in the speed of a small loop by more than in that of the tasks, which also wait for memory: where the
 loop ran 1.7 times as fast, the same inputs took 1.25 times as many of its turns. With as many turns a second as during
@@ -7,61 +7,62 @@ calibration the tasks would ask for a quarter more than was frozen.
 
 from __future__ import annotations
 
-from collections import deque
+import os
+import platform
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from robotkit.profile import processor
 from timelines.experiments.calm import DisturbedError
-from timelines.experiments.capacity import WHOLE
 from timelines.experiments.metrics import Pair, Run, cpu_per_input
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Mapping
 
-    from timelines.experiments.capacity import Capacity
-
-CLOSE = 0.03
-"""How far the work for the same inputs may be from the calibration's."""
-TRIES = 4
-LATEST = 5
-"""Runs whose median says how fast the next one will be: a single one may have been disturbed."""
-
-
-class Speeds:
-    """How fast the processors were in the latest runs, in turns of the loop in a second of CPU.
-
-    What one does just before a run, with nothing on it, says less: it was 0.6 to 1.5 times what it did in the run.
-    """
-
-    def __init__(self) -> None:
-        self._all: deque[float] = deque(maxlen=LATEST)
-        self._of: dict[Capacity, deque[float]] = {}
-
-    def add(self, capacity: Capacity, speed: float) -> None:
-        """Note how fast they were in a run on such processors."""
-        self._all.append(speed)
-        self._of.setdefault(capacity, deque(maxlen=LATEST)).append(speed)
-
-    def expected(self, capacity: Capacity) -> float:
-        """How fast such processors will be, or any, if none was like them; a whole one before the first run."""
-        return median(self._of.get(capacity) or self._all or [WHOLE])
+NEAR = 0.06
+"""How far the work for the same inputs may be from the calibration's where a run tells what a whole processor is: how
+much the tasks wait for memory depends on their own speed."""
+ENOUGH = 3
+"""Runs that tell it: a single one is off by up to 3 %."""
+TRIES = 6
 
 
-def whole_here(reference: Run, play: Callable[[float], Run]) -> float:
+def this_machine() -> dict[str, Any]:
+    """What it says of itself."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    return {
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "memory_gib": round(memory, 1),
+        "kernel": platform.release(),
+    }
+
+
+def kind(machine: Mapping[str, Any]) -> str:
+    """Machines that are alike; a virtual one has the kernel of its host's generation, which its processor hides."""
+    return "{processor}, {cores} cores, {kernel}".format(**machine)
+
+
+def whole_here(reference: Run, known: Iterable[Run], play: Callable[[float], Run]) -> float:
     """As many turns a second of the loop as make the tasks' work for the same inputs the calibration's.
 
-    `reference` is the calibration's run of each task alone, `play` repeats it, with what counts as a whole processor.
-    DisturbedError if no two runs agree: this machine changes faster than it can be measured.
+    `reference` is the calibration's run of each task alone, `known` are repetitions of it on this machine, and `play`
+    makes another one, with what counts as a whole processor. It is the median of what they tell, so that it stays the
+    same once there are ENOUGH. DisturbedError if they differ too much.
     """
-    whole = reference.whole
+    runs = list(known)
     for _ in range(TRIES):
-        times = _work(play(whole), reference)
-        if abs(times - 1) <= CLOSE:
-            return whole
-        whole *= times
-    raise DisturbedError(
-        f"the tasks took {times:.0%} of the calibration's work after {TRIES} runs: expected about 100%"
-    )
+        found = [_told(run, reference) for run in runs if abs(_work(run, reference) - 1) <= NEAR]
+        if len(found) >= ENOUGH:
+            return round(median(found))
+        runs.append(play(_told(runs[-1], reference) if runs else reference.whole))
+    works = ", ".join(f"{_work(run, reference):.0%}" for run in runs)
+    raise DisturbedError(f"the tasks took {works} of the calibration's work: expected {ENOUGH} runs of about 100%")
+
+
+def _told(run: Run, reference: Run) -> float:
+    """What a whole processor is by one run."""
+    return run.whole * _work(run, reference)
 
 
 def _work(run: Run, reference: Run) -> float:

@@ -13,7 +13,7 @@ from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
 from timelines.experiments.halving import candidates, halved
-from timelines.experiments.machine import whole_here
+from timelines.experiments.machine import kind, this_machine, whole_here
 from timelines.experiments.metrics import Run
 from timelines.experiments.predictions import predict, slowed_down
 from timelines.experiments.record import RecordError, block, records, write_whole
@@ -22,6 +22,7 @@ from timelines.experiments.workbench import Setting, own_deadlines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
 
     from timelines.experiments.campaign import Progress
     from timelines.experiments.halving import Weights
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 
 CALIBRATION = "alone"
 """File of the calibration's runs, which are of each task alone."""
+MACHINE = "machine-"
+"""How the names of files begin whose runs tell what a whole processor is."""
+PROFILED = "profiled"
+"""Folder of the run that predictions take each input's cost from."""
 MIDDLE = "exp2"
 """The paper's story of which it is measured what its tasks want."""
 UNCALIBRATED: Mapping[str, Capacity] = {
@@ -55,7 +60,6 @@ class Preparation:
 
     def __init__(self, bench: Workbench, progress: Progress, until: Callable[[float], bool]) -> None:
         self._bench, self._progress, self._until = bench, progress, until
-        self._measured: tuple[str, Run] | None = None
 
     def calibrated(self) -> dict[str, Any]:
         """What the tasks share under each load, and deadlines that each task keeps alone."""
@@ -66,7 +70,7 @@ class Preparation:
         wanted, needs = calibration.demand(alone), calibration.neediest(alone)
         runs = {LIGHT: alone, HEAVY: alone, PAPERS_LOAD: papers}
         loads = {load: calibration.of_load(load, every, cores) for load, every in runs.items()}
-        asked = {load: calibration.asked(every, loads[load]) for load, every in runs.items()}
+        asked = {load: calibration.asked(every, loads[load], cores) for load, every in runs.items()}
         shared = ", ".join(f"{name} {capacity}" for name, capacity in loads.items())
         self._progress.say(f"wanted: {_words(wanted, 'processors')}; they get: {shared}")
         self._progress.say(f"wanted by critical and protected tasks: {_words(needs, 'processors')}")
@@ -80,24 +84,30 @@ class Preparation:
         found = {"wanted": wanted, "needs": needs, "loads": loads, "asked": asked}
         return {"date": date, **found, "deadlines": deadlines, "solo": solo}
 
-    def measured(self, frozen: Frozen) -> tuple[str, Run]:
-        """Measure, once, what counts as a whole processor here; each task alone on such ones, and where that run is."""
-        if self._measured is None:
-            setting = settings(frozen)[HEAVY]
-            runs: dict[str, Run] = {}
-            began = f"{dt.datetime.now(tz=dt.UTC):%Y%m%d-%H%M%S}"
+    def measured(self, frozen: Frozen) -> None:
+        """Measure what counts as a whole processor here, unless enough runs on such a machine have told it."""
+        setting = settings(frozen)[HEAVY]
+        reference, known = self._reference(setting), self._on_such_a_machine(setting)
 
-            def play(whole: float) -> Run:
-                self._bench.whole = whole
-                place = f"machine/{began}-{len(runs) + 1}"
-                runs[place] = self._each_alone(setting, TUNING[0], place)
-                return runs[place]
+        def play(whole: float) -> Run:
+            self._bench.whole = whole
+            number = len(self._machine_files()) + 1
+            run = self._each_alone(setting, TUNING[0], f"machine/{number:02}")
+            self._keep(f"{MACHINE}{number:02}", [run])
+            return run
 
-            whole = whole_here(self._reference(setting), play)
-            self._keep(f"machine-{began}", runs.values())
-            self._measured = list(runs.items())[-1]
-            self._progress.say(f"here a whole processor is {whole:.0f} turns a second")
-        return self._measured
+        self._bench.whole = whole_here(reference, known, play)
+        self._progress.say(f"here a whole processor is {self._bench.whole:.0f} turns a second")
+
+    def _on_such_a_machine(self, setting: Setting) -> list[Run]:
+        """The runs that have told what a whole processor is on machines like this one."""
+        here = kind(this_machine())
+        due = self._bench.schedule(TUNING[0], setting.deadlines)
+        every = (one for path in self._machine_files() for one in records(path.read_bytes()))
+        return [Run(due, one) for one in every if kind(one.about["machine"]) == here]
+
+    def _machine_files(self) -> list[Path]:
+        return sorted((self._bench.folders.data / PREPARED).glob(f"{MACHINE}*{ENDING}"))
 
     def tuned(self, frozen: Frozen, *, gated: bool) -> dict[str, Any]:
         """The static weights that the search found, and what it tried."""
@@ -124,8 +134,10 @@ class Preparation:
 
     def predicted(self, frozen: Frozen) -> dict[str, Any]:
         """What is predicted of each held-out story, and the profiles that this is computed from."""
-        place, run = self.measured(frozen)
-        profiles, setting = self._bench.profiles(place, _alone(TUNING[0])), settings(frozen)[HEAVY]
+        self.measured(frozen)
+        setting = settings(frozen)[HEAVY]
+        run = self._each_alone(setting, TUNING[0], PROFILED)
+        profiles = self._bench.profiles(PROFILED, _alone(TUNING[0]))
         slow, misses = slowed_down(parse_profiles(profiles), setting.capacity.part / run.speed), {}
         for story in HELD_OUT:
             policy, timeline = installation.policy_document(story), load(self._bench.folders.timeline(story))

@@ -6,7 +6,7 @@ from collections import Counter
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from timelines.experiments import detail_tables, pictures, tables
+from timelines.experiments import detail_tables, doubts, pictures, tables
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, UNSLOWED
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, FACTORS, LINUX, REALTIME, WEIGHTS, WEIGHTS_GATED
@@ -218,7 +218,8 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
         yield RIVALRY
         yield "![Signs in time while reading against SLAM while driving, by set of weights](figures/static.svg)\n"
     yield "## Reasons to doubt single runs\n"
-    yield detail_tables.doubts(evidence) or "None.\n"
+    yield doubts.doubts(evidence) or "None.\n"
+    yield doubts.rejected(evidence)
     yield "## Every case of every goal\n"
     for verdict in found:
         yield f"### {verdict.goal.name}, {verdict.goal.load} load\n"

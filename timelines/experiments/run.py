@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import json
-import os
-import platform
 import shutil
 import threading
 import time
@@ -14,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
-from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import confine, healths, installation
@@ -24,6 +21,7 @@ from timelines.experiments.cpu_account import SLOWING, Account, machine_seconds
 from timelines.experiments.executive import Executive
 from timelines.experiments.gate import Gate
 from timelines.experiments.healths import Healths
+from timelines.experiments.machine import this_machine
 from timelines.experiments.node_service import as_service
 from timelines.experiments.raw_data import MESSAGES, PROFILES, RUN
 from timelines.experiments.record import write_whole
@@ -162,7 +160,7 @@ class _Recording:
         (folder / PROFILES).write_text(json.dumps(kept), encoding="utf-8")
         about = {
             "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
-            "machine": _machine(),
+            "machine": this_machine(),
             "code": self._conditions.code,
             "load": calm,
             "capacity": list(capacity),
@@ -217,13 +215,3 @@ def _profiles(session: zenoh.Session, tasks: Sequence[str]) -> list[dict[str, An
     if silent:
         raise deploy.DeployError(f"no profile received from {', '.join(silent)}")
     return found
-
-
-def _machine() -> dict[str, Any]:
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    return {
-        "processor": processor(),
-        "cores": os.cpu_count(),
-        "memory_gib": round(memory, 1),
-        "kernel": platform.release(),
-    }

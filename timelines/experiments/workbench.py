@@ -14,14 +14,16 @@ from timelines.experiments.accuracy import Judge
 from timelines.experiments.calm import DisturbedError
 from timelines.experiments.capacity import WHOLE, Capacity
 from timelines.experiments.code_version import code_version
-from timelines.experiments.evidence import ENDING
-from timelines.experiments.machine import Speeds
+from timelines.experiments.earlier import Earlier, Kind
+from timelines.experiments.evidence import ENDING, Evidence
+from timelines.experiments.metrics import Run
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
 from timelines.experiments.record import Record, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute
 from timelines.experiments.schedules import fingerprint, schedule
 from timelines.experiments.stories import Use
 from timelines.experiments.tasks import TASKS, module
+from timelines.experiments.validity import RejectedError, reasons
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,6 +37,8 @@ TRIES = 3
 """How often a run is begun before the node counts as broken: a timeout of helm must not end a night of runs."""
 DISTURBED = 10
 """The same for a run that the machine disturbed, which is to be expected where a host is shared."""
+REJECTED = ".rejected-"
+"""In the names of files of attempts that do not count."""
 LONGEST = 300
 """Characters of a failure that are kept."""
 
@@ -72,7 +76,7 @@ class Workbench:
     def __init__(self, folders: Folders) -> None:
         self.folders = folders
         self.whole = WHOLE
-        self._speeds = Speeds()
+        self._earlier = Earlier(Evidence.read(folders.data).every())
         self.took: dict[str, tuple[float, float]] = {}
         self._installed: tuple[bool, bool, float | None] | None = None  # nothing is
         self._schedules: dict[str, Schedule] = {}
@@ -96,6 +100,10 @@ class Workbench:
             raise deploy.DeployError(f"{path}: on {capacity}, not {setting.capacity}: delete it, and its folder")
         return found
 
+    def rejected(self, place: str, trial: Trial) -> list[Record]:
+        """The attempts at a run that were played and do not count."""
+        return [Record.of_json(unpacked(path.read_bytes())) for path in self._set_aside_files(place, trial)]
+
     def profiles(self, place: str, trial: Trial) -> dict[str, Any]:
         """What each task's inputs cost in a run that is finished."""
         found: dict[str, Any] = json.loads((self._folder(place, trial) / PROFILES).read_text(encoding="utf-8"))
@@ -111,19 +119,19 @@ class Workbench:
         return self._schedules[key]
 
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
-        began, folder, timeline = dt.datetime.now(tz=dt.UTC), self._folder(place, trial), self._timeline(trial)
+        began, timeline = dt.datetime.now(tz=dt.UTC), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
-        expected = self._speeds.expected(setting.capacity)
+        expected = self._earlier.expected(Kind.here(setting.capacity, trial.configuration.name))
         conditions = Conditions(
             timeline, self.folders.datasets, setting.capacity, self.whole, expected, weights, self._code
         )
-        found, failures = self._tried(trial, conditions, folder, due)
-        self._speeds.add(setting.capacity, found.about["pace"]["speed"])
+        found, failures = self._tried(place, trial, conditions, due)
+        self._earlier.add(Run(due, found))
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))
         self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())
 
-    def _tried(self, trial: Trial, conditions: Conditions, folder: Path, due: Schedule) -> tuple[Record, list[str]]:
+    def _tried(self, place: str, trial: Trial, conditions: Conditions, due: Schedule) -> tuple[Record, list[str]]:
         """Do a run, TRIES times at most where anything fails, and return what failed: it is kept with the record.
 
         A run that the machine disturbed says nothing of the node, and is repeated more often.
@@ -131,20 +139,40 @@ class Workbench:
         One that was played, and not understood before we were stopped, is only read.
         """
         failures: list[str] = []
-        broken = 0
+        folder, broken = self._folder(place, trial), 0
         while True:
             try:
                 if not (folder / RUN).exists():
                     self._install(trial)
                     execute(trial, conditions, folder)
-                return self._understood(trial, conditions.timeline, folder, due), failures
+                return self._counting(trial, conditions.timeline, folder, due), failures
             except Exception as error:  # whatever it is: one run must not end a night of them
                 self._installed = None  # everything is installed again, whatever was there
                 (folder / RUN).unlink(missing_ok=True)  # what can't be understood is played again
                 failures.append(f"{type(error).__name__}: {error}"[:LONGEST])
+                if isinstance(error, RejectedError):
+                    self._set_aside(place, trial, error)
                 broken += not isinstance(error, DisturbedError)
                 if broken == TRIES or len(failures) == DISTURBED:
                     raise deploy.DeployError(f"failed {len(failures)} times, at last: {error}") from error
+
+    def _counting(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
+        """The record of a run that was played; RejectedError if it does not count."""
+        found = self._understood(trial, timeline, folder, due)
+        why = [*reasons(found), *self._earlier.reasons(Run(due, found))]
+        if why:
+            raise RejectedError(found, why)
+        return found
+
+    def _set_aside(self, place: str, trial: Trial, error: RejectedError) -> None:
+        """Keep what does not count: whether rejection favours a configuration, its reader has to be able to see."""
+        file, kept = self._file(place, trial), len(self._set_aside_files(place, trial))
+        about = {**error.record.about, "failures": [str(error)]}
+        path = file.with_name(f"{trial.name}{REJECTED}{kept + 1}{ENDING}")
+        write_whole(path, packed(replace(error.record, about=about).as_json()))
+
+    def _set_aside_files(self, place: str, trial: Trial) -> list[Path]:
+        return sorted(self._file(place, trial).parent.glob(f"{trial.name}{REJECTED}*{ENDING}"))
 
     def _understood(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
         run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)

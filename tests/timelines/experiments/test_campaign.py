@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.timelines.experiments.made_up import MEASURED, SCHEDULE, a_run
+from tests.timelines.experiments.made_up import ABOUT, MEASURED, SCHEDULE, a_run
 from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
@@ -22,13 +22,14 @@ from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
+from timelines.experiments.machine import ENOUGH
 from timelines.experiments.metrics import Run
 from timelines.experiments.prepare import OutOfTimeError, Preparation, settings
 from timelines.experiments.record import RecordError, block, packed, records
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
-CHOSEN = list(trials(stories=["delivery"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
+CHOSEN = list(trials(stories=["guide"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
 
 
 class Bench(Workbench):
@@ -203,32 +204,43 @@ def test_a_block_is_read_once_to_see_what_is_done(monkeypatch, tmp_path):
     assert len(read) == 2  # blocks, of which each has two runs
 
 
+def test_attempts_that_do_not_count_are_kept_with_their_block(monkeypatch, tmp_path):
+    attempt = replace(a_run("linux"), about={**ABOUT, "failures": ["the player was late"]})
+    monkeypatch.setattr(Bench, "rejected", lambda _, __, trial: [attempt] if trial.block == 0 else [])
+    run(Bench(tmp_path))
+    assert Evidence.read(tmp_path / "data").rejected == [attempt]
+    monkeypatch.setattr(Bench, "rejected", lambda *_: [])
+    (tmp_path / "data" / "blocks" / "2-heavy-01.json.xz").unlink()
+    run(Bench(tmp_path))  # of which the recordings are gone
+    assert Evidence.read(tmp_path / "data").rejected == [attempt]
+
+
 def test_a_configuration_that_comes_later_joins_its_block(tmp_path):
     bench = Bench(tmp_path)
     run(bench, chosen=[trial for trial in CHOSEN if trial.configuration is LINUX])
     shutil.rmtree(tmp_path / "raw")
     run(bench)
-    assert [name for name, *_ in bench.done[2:]] == ["delivery-weights"] * 2
+    assert [name for name, *_ in bench.done[2:]] == ["guide-weights"] * 2
     found = Evidence.read(tmp_path / "data")
     assert {name: sorted(blocks) for (_, _, name), blocks in found.runs.items()} == {"linux": [0, 1], "weights": [0, 1]}
 
 
 def test_what_is_due_may_not_change_between_runs(tmp_path):
-    write_schedule(tmp_path, "delivery", SCHEDULE)
-    write_schedule(tmp_path, "delivery", SCHEDULE)
+    write_schedule(tmp_path, "guide", SCHEDULE)
+    write_schedule(tmp_path, "guide", SCHEDULE)
     with pytest.raises(RecordError, match="has changed"):
-        write_schedule(tmp_path, "delivery", replace(SCHEDULE, deadlines={}))
+        write_schedule(tmp_path, "guide", replace(SCHEDULE, deadlines={}))
 
 
 def test_what_is_due_is_compared_by_what_it_says(tmp_path):
-    write_schedule(tmp_path, "delivery", SCHEDULE)
-    path = tmp_path / "schedules" / "delivery.json.xz"
+    write_schedule(tmp_path, "guide", SCHEDULE)
+    path = tmp_path / "schedules" / "guide.json.xz"
     path.write_bytes(lzma.compress(lzma.decompress(path.read_bytes()), preset=0))  # as another version of xz would
-    write_schedule(tmp_path, "delivery", SCHEDULE)
+    write_schedule(tmp_path, "guide", SCHEDULE)
 
 
 def test_a_story_that_has_changed_is_found_out_before_anything_is_run(tmp_path):
-    write_schedule(tmp_path / "data", "delivery", replace(SCHEDULE, deadlines={"slam": 9.0}))
+    write_schedule(tmp_path / "data", "guide", replace(SCHEDULE, deadlines={"slam": 9.0}))
     bench = Bench(tmp_path)
     with pytest.raises(RecordError, match="has changed"):
         run(bench)
@@ -237,7 +249,7 @@ def test_a_story_that_has_changed_is_found_out_before_anything_is_run(tmp_path):
 
 def test_what_is_interrupted_while_it_is_written_leaves_what_was_there(monkeypatch, tmp_path):
     write_frozen(tmp_path, {"solo": {}})
-    write_schedule(tmp_path, "delivery", SCHEDULE)
+    write_schedule(tmp_path, "guide", SCHEDULE)
     note_absent(tmp_path, [CHOSEN[0].cell], "it can't")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
@@ -248,12 +260,12 @@ def test_what_is_interrupted_while_it_is_written_leaves_what_was_there(monkeypat
     for write in (
         lambda: write_frozen(tmp_path, {}),
         lambda: note_absent(tmp_path, [CHOSEN[1].cell], "it can't either"),
-        lambda: write_schedule(tmp_path, "inspection", SCHEDULE),
+        lambda: write_schedule(tmp_path, "ward", SCHEDULE),
     ):
         with pytest.raises(KeyboardInterrupt):
             write()
     assert {path: path.read_bytes() for path in before} == before
-    assert Evidence.read(tmp_path).schedules.keys() == {"delivery"}
+    assert Evidence.read(tmp_path).schedules.keys() == {"guide"}
 
 
 def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
@@ -378,13 +390,17 @@ def test_a_call_that_ends_during_preparation_is_not_a_failure(monkeypatch, tmp_p
     assert "the same command goes on" in capsys.readouterr().out
 
 
-def test_each_call_measures_its_machine_once_and_keeps_the_runs(tmp_path):
+def test_a_machine_is_measured_once_and_for_all_calls(monkeypatch, tmp_path):
+    monkeypatch.setattr(prepare, "this_machine", lambda: ABOUT["machine"])
     bench = calibrated_before(tmp_path)
-    preparation = Preparation(bench, Lines(), lambda _: True)
-    assert preparation.measured(FOUND) is preparation.measured(FOUND)
-    assert [name for name, *_ in bench.done] == ["errand-alone"]
-    (kept,) = (tmp_path / "data" / "preparation").glob("machine-*")
-    assert [one.configuration for one in records(kept.read_bytes())] == ["alone"]
+    for _ in range(2):
+        Preparation(bench, Lines(), lambda _: True).measured(FOUND)
+    assert [name for name, *_ in bench.done] == ["errand-alone"] * ENOUGH
+    kept = sorted((tmp_path / "data" / "preparation").glob("machine-*"))
+    assert [one.configuration for path in kept for one in records(path.read_bytes())] == ["alone"] * ENOUGH
+    monkeypatch.setattr(prepare, "this_machine", lambda: {**ABOUT["machine"], "kernel": "another"})
+    Preparation(bench, Lines(), lambda _: True).measured(FOUND)
+    assert len(bench.done) == 2 * ENOUGH
 
 
 def test_a_machine_is_not_measured_without_the_calibration_that_it_is_compared_with(tmp_path):
@@ -396,10 +412,11 @@ def test_what_is_predicted_from_is_the_run_of_this_machine(monkeypatch, tmp_path
     """Its processors did one whole one: on 0.4 of one an input takes 2.5 times as long."""
     bench, told = calibrated_before(tmp_path), []
     monkeypatch.setattr(bench, "profiles", lambda *_: MEASURED)
+    monkeypatch.setattr(prepare, "this_machine", lambda: ABOUT["machine"])
     monkeypatch.setattr(prepare, "load", lambda _: None)
     monkeypatch.setattr(prepare, "predict", lambda *given: told.append(given))
     assert Preparation(bench, Lines(), lambda _: True).predicted(FOUND)["profiles"] == MEASURED
-    assert [name for name, *_ in bench.done] == ["errand-alone"]
+    assert [name for name, *_ in bench.done] == ["errand-alone"] * (ENOUGH + 1)
     for _, _, due, profiles, capacity in told:
         assert (due, capacity) == (SCHEDULE, Capacity(1, 0.4))
         assert profiles.tasks["slam"].inputs[0].quantiles == pytest.approx((0.125, 0.125))
@@ -407,7 +424,7 @@ def test_what_is_predicted_from_is_the_run_of_this_machine(monkeypatch, tmp_path
 
 
 def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, capsys):
-    write_schedule(tmp_path, "delivery", SCHEDULE)
+    write_schedule(tmp_path, "guide", SCHEDULE)
     (tmp_path / "blocks").mkdir()
     (tmp_path / "blocks" / "2-heavy-01.json.xz").write_bytes(block([a_run("linux")]))
 
@@ -415,14 +432,14 @@ def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, ca
         raise DeployError("the node is gone")
 
     monkeypatch.setattr(command, "_run", fail)
-    assert command.main(["delivery", "--data", str(tmp_path), "--report", str(tmp_path)]) == 1
+    assert command.main(["guide", "--data", str(tmp_path), "--report", str(tmp_path)]) == 1
     assert "the node is gone" in capsys.readouterr().out
     assert (tmp_path / "report.md").exists()
 
 
 def test_a_report_is_published_only_where_somebody_asks_for_it(monkeypatch, tmp_path):
     """The campaign takes days: what is published meanwhile stays, and so do the pages that quote it."""
-    write_schedule(tmp_path / "data", "delivery", SCHEDULE)
+    write_schedule(tmp_path / "data", "guide", SCHEDULE)
     (tmp_path / "data" / "blocks").mkdir()
     (tmp_path / "data" / "blocks" / "2-heavy-01.json.xz").write_bytes(block([a_run("linux")]))
     monkeypatch.setattr(command, "commit_folder", lambda *_: pytest.fail("it was committed"))
@@ -440,7 +457,7 @@ def test_an_unknown_story_or_configuration_is_refused(capsys):
         with pytest.raises(SystemExit):
             command.main(arguments)
     refused = capsys.readouterr().err
-    assert "'magic': expected one of delivery, inspection" in refused
+    assert "'magic': expected one of guide, ward" in refused
     assert "linux-gated" in refused
 
 

@@ -58,8 +58,8 @@ def test_every_input_of_a_run_is_in_its_record(run):
     assert (column.fates, column.responses, column.cpu) == ("dxld", [500, 2000], [4000, 5000])
     assert kept.late == {STEREO: [10, 0, 0, 0]}
     assert kept.accuracy["slam"] == ["ATE", 0.0123, "m", 90, False]
-    assert (kept.load, kept.story, kept.configuration, kept.block) == ("heavy", "delivery", "weights-gated", 3)
-    assert kept.about == {"load": 0.1, "drained": True, "finished": 3.2, "violations": []}
+    assert (kept.load, kept.story, kept.configuration, kept.block) == ("heavy", "guide", "weights-gated", 3)
+    assert kept.about == {"load": 0.1, "drained": True, "finished": 3.2, "unheard": {}, "violations": []}
 
 
 def test_cpu_is_kept_once_a_second_from_the_first_input_on(run):
@@ -73,12 +73,11 @@ def test_plans_of_before_the_run_hold_at_its_begin_and_those_that_were_overtaken
     assert kept.columns["slam"]["stereo"].fates == "dssd"
 
 
-def test_a_run_with_an_incomplete_log_is_rejected(run):
+def test_what_the_recording_lacks_is_counted(run):
     run.counted = {"slam": {"stereo": 3}}
-    with pytest.raises(DeployError, match="the recording has 2 inputs of slam as done: expected 3"):
-        record(TRIAL, run, SCHEDULE, {})
+    assert record(TRIAL, run, SCHEDULE, {}).about["unheard"] == {"slam/stereo": 1}
     run.about = {"about": {**run.about["about"], "drained": False}}  # it went on while it was asked
-    assert record(TRIAL, run, SCHEDULE, {}).columns["slam"]["stereo"].fates == "dxld"
+    assert record(TRIAL, run, SCHEDULE, {}).about["unheard"] == {}
 
 
 def test_a_suspension_that_one_plan_after_the_other_has_is_one(run):
@@ -141,15 +140,6 @@ def test_a_stop_counts_once_from_the_end_of_the_word(run):
 def test_a_run_whose_player_skipped_inputs_is_rejected(run):
     run.published[STEREO].pop()
     with pytest.raises(DeployError, match="3 inputs on robot/camera/stereo: expected 4"):
-        record(TRIAL, run, SCHEDULE, {})
-
-
-def test_a_run_during_which_the_machine_stood_still_is_rejected(run):
-    """What comes late comes all at once: it says nothing about who gets the CPU."""
-    run.published[STEREO] = [at(0.001), at(1), at(3.2), at(3.3)]
-    with pytest.raises(
-        DeployError, match=r"50 % of the inputs were published more than 0\.2 s late: expected at most 1 %"
-    ):
         record(TRIAL, run, SCHEDULE, {})
 
 

@@ -49,14 +49,20 @@ def test_inputs_that_were_not_done_are_wanted_as_well():
 
 def test_the_fewest_processors_are_slowed_until_the_tasks_want_what_a_load_says():
     wanted = {"slam": 0.8, "signs": 0.32}
-    assert [capacity(load, wanted, 2) for load in ("light", "heavy", "paper")] == [(2, 0.8), (1, 0.8), (1, 0.8)]
-    assert [capacity(load, {"slam": 3.0}, 2) for load in ("light", "heavy")] == [(2, 1.0), (2, 1.0)]
+    assert [capacity(load, wanted, 3) for load in ("light", "heavy", "paper")] == [(2, 0.8), (1, 0.8), (1, 0.8)]
     assert capacity("heavy", {"slam": 0.1}, 2) == (1, 0.15)
 
 
 def test_a_tenth_of_a_processor_is_not_worth_another_one_of_half_the_speed():
-    assert capacity("heavy", {"slam": 1.5}, 2) == (1, 1.0)
-    assert capacity("heavy", {"slam": 1.6}, 2) == (2, 0.571)
+    assert capacity("heavy", {"slam": 1.5}, 3) == (1, 1.071)
+    assert capacity("heavy", {"slam": 1.6}, 3) == (2, 0.571)
+
+
+def test_on_all_processors_there_is_room_for_all_else():
+    """As measured: else a load of 0.7 was one of 1.08, and nothing was light about it."""
+    wanted = {"slam": 0.8, "signs": 0.32}
+    assert capacity("light", wanted, 2) == (2, 1.3)  # (1.12 + 0.7) / 0.7
+    assert capacity("light", wanted, 2, least=1.7) == (2, 1.35)  # 1.7 / 0.85, and 0.7
 
 
 def test_no_context_wants_more_for_its_critical_and_the_protected_tasks_than_there_is():
@@ -82,8 +88,9 @@ def test_what_a_context_needs_is_that_of_nearly_all_of_its_time():
 
 def test_a_policy_divides_what_is_there():
     assert Capacity(1, 0.8).reserve(2, 1.0) == "1200m"  # all else runs on the other processor
-    assert Capacity(2, 0.5).reserve(2, 1.0) == "1100m"
-    assert Capacity(2, 1.0).reserve(2, 1.0) == "200m"
+    assert Capacity(2, 0.5).reserve(2, 1.0) == "1700m"  # all else is on the tasks' processors
+    assert Capacity(2, 1.0).reserve(2, 1.0) == "700m"
+    assert Capacity(2, 1.4).reserve(2, 2.0) == "950m"
     assert (str(Capacity(1, 0.75)), Capacity(1, 0.75).name) == ("1 x 0.75", "1x0.75")
 
 

@@ -15,9 +15,9 @@ from contextpolicy.streams.timeline import load
 from robotkit import Input, Module, Needs, Task
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
-from tests.timelines.experiments.made_up import a_run, at_speed
+from tests.timelines.experiments.made_up import ABOUT, a_run, at_speed
 from timelines.demo import cgroup, deploy
-from timelines.experiments import collect, healths, installation, metrics, workbench
+from timelines.experiments import collect, earlier, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, UNSLOWED, Trial
@@ -211,8 +211,20 @@ def test_a_run_that_can_not_be_understood_is_played_again(monkeypatch, tmp_path)
     assert node.runs == 2
 
 
+def test_an_attempt_that_does_not_count_is_kept_and_repeated(monkeypatch, tmp_path):
+    late = replace(a_run("linux"), late={"robot/camera/stereo": [9000] * 10})
+    node, found = Flaky(monkeypatch), iter([late, a_run("linux")])
+    monkeypatch.setattr(workbench.Workbench, "_understood", lambda *_: next(found))
+    assert len(play(tmp_path).about["failures"]) == 1
+    assert node.runs == 2
+    (kept,) = workbench.Workbench(workbench.Folders(*[tmp_path] * 4)).rejected("2-heavy-01", TRIAL)
+    assert kept.late == late.late
+    assert kept.about["failures"] == ["100 % of the inputs were published more than 0.2 s late: expected at most 1 %"]
+
+
 def test_a_run_is_expected_to_be_as_fast_as_the_one_before(monkeypatch, tmp_path):
     node, bench = Flaky(monkeypatch), workbench.Workbench(workbench.Folders(*[tmp_path] * 4))
+    monkeypatch.setattr(earlier, "this_machine", lambda: ABOUT["machine"])
     for place in ("2-heavy-01", "2-heavy-02"):
         bench.record(place, TRIAL, workbench.Setting(Capacity(1, 0.4), {}), {})
     assert node.expected == [WHOLE, 1.5 * WHOLE]

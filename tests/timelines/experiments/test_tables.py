@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.timelines.experiments.made_up import a_run, evidence, some_runs
-from timelines.experiments import detail_tables, tables
+from timelines.experiments import detail_tables, doubts, tables
 from timelines.experiments.blocks import HEAVY
 from timelines.experiments.evidence import Absent
 from timelines.experiments.verdicts import verdicts
@@ -97,7 +97,7 @@ def test_a_total_time_stands_beside_that_of_the_same_work_as_well():
     assert row(text, "exp3", "Linux default, gated")[2:4] == ["1.25 [1.25, 1.25]", "-"]
 
 
-ABSENT = [Absent("heavy", story, "vpa", 0, "no autoscaler") for story in ("delivery", "inspection")]
+ABSENT = [Absent("heavy", story, "vpa", 0, "no autoscaler") for story in ("guide", "ward")]
 
 
 def test_what_was_not_run_has_a_row_and_a_reason():
@@ -172,15 +172,15 @@ def test_a_run_that_lasts_longer_since_its_queues_empty_slowly_does_not_use_more
 
 
 def test_a_run_that_was_given_up_is_named():
-    doubts = detail_tables.doubts(evidence(given_up(a_run("linux"))))
-    assert doubts.startswith("- delivery, heavy load, Linux default, block 1: inputs")
-    assert detail_tables.doubts(SOME) == ""
+    said = doubts.doubts(evidence(given_up(a_run("linux"))))
+    assert said.startswith("- guide, heavy load, Linux default, block 1: inputs")
+    assert doubts.doubts(SOME) == ""
 
 
 def test_a_run_in_which_a_decision_had_no_effect_counts_and_is_named():
     run = a_run("weights-gated")
-    doubts = detail_tables.doubts(evidence(replace(run, about={**run.about, "violations": ["no plan had drive"]})))
-    assert doubts.endswith("context weights, gated, block 1: counted as it was, though no plan had drive.\n")
+    said = doubts.doubts(evidence(replace(run, about={**run.about, "violations": ["no plan had drive"]})))
+    assert said.endswith("context weights, gated, block 1: counted as it was, though no plan had drive.\n")
 
 
 def changed(run, **about):
@@ -190,21 +190,40 @@ def changed(run, **about):
 def test_a_block_of_several_codes_machines_or_days_is_named():
     other = {**a_run("linux").about["machine"], "kernel": "7"}
     late = changed(a_run("weights"), code="def5678", machine=other, date="2026-11-28T03:00:00+00:00")
-    doubts = detail_tables.doubts(evidence(a_run("linux"), late))
-    assert doubts.startswith("- heavy load, block 1: its runs are not all alike: code abc1234, def5678; kernel 6, 7; ")
-    assert "2026-11-26 03:00 to 2026-11-28 03:00" in doubts
-    assert detail_tables.doubts(evidence(a_run("linux"), changed(a_run("weights", block=1), code="x"))) == ""
+    said = doubts.doubts(evidence(a_run("linux"), late))
+    assert said.startswith("- heavy load, block 1: its runs are not all alike: code abc1234, def5678; kernel 6, 7; ")
+    assert "2026-11-26 03:00 to 2026-11-28 03:00" in said
+    assert doubts.doubts(evidence(a_run("linux"), changed(a_run("weights", block=1), code="x"))) == ""
 
 
 def test_a_run_that_had_to_be_begun_again_is_named():
-    doubts = detail_tables.doubts(evidence(changed(a_run("linux"), failures=["DeployError: helm: timed\nout"])))
-    assert doubts == "- delivery, heavy load, Linux default, block 1: begun 2 times: DeployError: helm: timed out.\n"
+    said = doubts.doubts(evidence(changed(a_run("linux"), failures=["DeployError: helm: timed\nout"])))
+    assert said == "- guide, heavy load, Linux default, block 1: begun 2 times: DeployError: helm: timed out.\n"
+
+
+def test_a_run_whose_work_turns_out_to_be_off_is_named():
+    """The first ones are judged by none: when the campaign has ended they are judged by all."""
+    off = [a_run("weights", block=0, cpu=0.015), *(a_run("weights", block=n, cpu=0.02) for n in range(1, 9))]
+    said = doubts.doubts(evidence(a_run("alone"), *off))
+    assert said == (
+        "- guide, heavy load, context weights, block 1: counted as it was, though the same inputs took 75% of other"
+        " runs' work: expected 88% to 112%.\n"
+    )
+
+
+def test_attempts_that_do_not_count_are_shown_beside_those_that_do():
+    """Whoever doubts the rule can see whether it favours a configuration."""
+    attempt = changed(a_run("linux", slam="iiiid" + "iiiii"), failures=["the player was late"])
+    found = replace(evidence(a_run("linux")), rejected=[attempt])
+    name = "guide, heavy load, Linux default, block 1"
+    assert row(doubts.rejected(found), name) == [name, "the player was late", "90.0", "100.0"]
+    assert doubts.rejected(SOME) == ""
 
 
 def test_predictions_are_scored_against_simple_answers():
-    frozen = {"predicted": {"misses": {"delivery": {"weights-gated": {"slam": 0.1, "speech": 0.0}}}}}
+    frozen = {"predicted": {"misses": {"guide": {"weights-gated": {"slam": 0.1, "speech": 0.0}}}}}
     text = detail_tables.predictions(evidence(*some_runs(), frozen=frozen))
-    assert row(text, "delivery", "context weights, gated", "slam")[3:] == ["10.0", "0.0", "40.0"]
+    assert row(text, "guide", "context weights, gated", "slam")[3:] == ["10.0", "0.0", "40.0"]
     assert row(text, "5.0") == ["5.0", "0.0", "20.0"]
 
 

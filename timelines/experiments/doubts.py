@@ -1,0 +1,103 @@
+"""Reasons to doubt what was measured: runs that are named, and attempts that do not count. Pure, as Markdown."""
+
+from __future__ import annotations
+
+import datetime as dt
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from timelines.experiments.blocks import part_of
+from timelines.experiments.configurations import CONFIGURATIONS
+from timelines.experiments.earlier import Earlier
+from timelines.experiments.metrics import Run, contexts
+from timelines.experiments.tables import all_runs, table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from timelines.experiments.evidence import Evidence
+    from timelines.experiments.record import Record
+
+APART = dt.timedelta(hours=2)
+"""Between a block's first run and its last: beyond this it was interrupted."""
+
+
+def doubts(evidence: Evidence) -> str:
+    """A line for each reason to doubt the runs. Empty without any."""
+    runs = all_runs(evidence)
+    single = (*_given_up(runs), *_begun_again(runs), *_violated(runs), *_off(evidence))
+    return "".join((*single, *_mixed(runs)))
+
+
+def _given_up(every: Iterable[Record]) -> Iterator[str]:
+    for one in every:
+        if not one.about["drained"]:
+            yield (
+                f"- {_name(one)}: inputs still waited when it was given up; it takes no part in comparisons of"
+                " total times.\n"
+            )
+
+
+def _begun_again(every: Iterable[Record]) -> Iterator[str]:
+    for one in every:
+        if failures := one.about["failures"]:
+            reasons = "; ".join(dict.fromkeys(" ".join(reason.split()) for reason in failures))
+            yield f"- {_name(one)}: begun {len(failures) + 1} times: {reasons}.\n"
+
+
+def _violated(every: Iterable[Record]) -> Iterator[str]:
+    for one in every:
+        if violations := one.about["violations"]:
+            yield f"- {_name(one)}: counted as it was, though {'; '.join(violations)}.\n"
+
+
+def _off(evidence: Evidence) -> Iterator[str]:
+    """Runs whose work is off by all runs that there are now; each was judged by those before it."""
+    known = Earlier(evidence.every())
+    for run in evidence.every():
+        for reason in known.reasons(run):
+            yield f"- {_name(run.record)}: counted as it was, though {reason}.\n"
+
+
+def _mixed(every: Iterable[Record]) -> Iterator[str]:
+    """Blocks of which the runs differ in more than the configuration, or are hours apart."""
+    blocks: dict[tuple[int, str, int], list[Record]] = {}
+    for one in every:
+        blocks.setdefault((part_of(one.load, one.configuration), one.load, one.block), []).append(one)
+    for (_, load, block), own in sorted(blocks.items()):
+        codes = sorted({str(one.about["code"]) for one in own})
+        kernels, processors = (
+            sorted({str(one.about["machine"][what]) for one in own}) for what in ("kernel", "processor")
+        )
+        dates = sorted(dt.datetime.fromisoformat(one.about["date"]) for one in own)
+        if max(len(codes), len(kernels), len(processors)) > 1 or dates[-1] - dates[0] > APART:
+            yield (
+                f"- {load} load, block {block + 1}: its runs are not all alike: code {', '.join(codes)};"
+                f" kernel {', '.join(kernels)}; {', '.join(processors)}; {dates[0]:%F %H:%M} to {dates[-1]:%F %H:%M}.\n"
+            )
+
+
+def _name(one: Record) -> str:
+    return f"{one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}"
+
+
+def rejected(evidence: Evidence) -> str:
+    """Attempts that do not count: why, and what their critical tasks hit beside those that do. Empty without any."""
+    rows = [
+        [_name(one), "; ".join(one.about["failures"]), *(f"{100 * hit:.1f}" for hit in _hits(evidence, one))]
+        for one in evidence.rejected
+        if one.story in evidence.schedules
+    ]
+    head = ["attempts that do not count", "", "critical tasks hit, %", "in runs that count"]
+    return table(head, rows) if rows else ""
+
+
+def _hits(evidence: Evidence, one: Record) -> tuple[float, float]:
+    """The mean over contexts of what the critical tasks hit in an attempt, and in the runs that count."""
+    own = Run(evidence.schedules[one.story], one)
+    counting = evidence.of(one.load, one.story, one.configuration)
+    return _hit(own), fmean(_hit(run) for run in counting) if counting else float("nan")
+
+
+def _hit(run: Run) -> float:
+    return fmean(run.tally(task, context).hit for context, task in contexts(run.schedule).items())
