@@ -46,7 +46,7 @@ class Capacity(NamedTuple):
         `speed` is what a processor does, in whole ones.
         """
         there = self.processors * self.part * 1000 - beside(self.processors, cores)
-        return format_cpu(cores * 1000 - int(there / speed // STEP * STEP))
+        return format_cpu(max(0, cores * 1000 - int(there / speed // STEP * STEP)))
 
 
 def beside(processors: int, cores: int) -> int:

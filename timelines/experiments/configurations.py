@@ -129,7 +129,11 @@ def _without_max(spec: Document) -> None:
 
 def _without_suspension(spec: Document) -> None:
     for context in spec.get("contexts", ()):
-        context["tasks"] = {name: change for name, change in context["tasks"].items() if "suspend" not in change}
+        context["tasks"] = {
+            name: {what: value for what, value in change.items() if what != "suspend"}
+            for name, change in context["tasks"].items()
+            if not change.get("suspend")
+        }
     spec["contexts"] = [context for context in spec.get("contexts", ()) if context["tasks"]]
 
 

@@ -65,7 +65,7 @@ def _defined(kind: str) -> bool:
 
 def values(trial: Trial, document: Document, cores: int, weights: Mapping[str, int]) -> Document:
     """The robot chart's values. Pure but for module.yaml files."""
-    environment = {"PUBLISH_RUNS": "true", "ADAPT": "true" if trial.configuration.adaptive else "false"}
+    environment = {"KEEP_RUNS": "true", "ADAPT": "true" if trial.configuration.adaptive else "false"}
     if trial.configuration.relayed:
         environment["PLAN_KEY"] = gate.KEY
     modules: Document = {}

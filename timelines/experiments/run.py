@@ -43,7 +43,9 @@ if TYPE_CHECKING:
     from timelines.experiments.capacity import Capacity
     from timelines.experiments.slowed import Thieves
 
-PROFILE = "robot/*/profile"
+PROFILE, RUNS = "robot/*/profile", "robot/*/runs"
+LONG = 60.0
+"""Seconds that an answer may take: a task on a slowed processor has thousands of runs to tell of."""
 SETTLING = 2.0
 """Seconds after the last input before an empty queue counts: a starved task fetches late what was sent to it."""
 
@@ -153,7 +155,9 @@ class _Recording:
                 with Account(machine_seconds, parts) as account:
                     reports, drained = self._play()
                 took = time.monotonic() - began
-            profiles = _profiles(self._viewer, self._tasks)
+            profiles = [json.loads(one) for one in self._answers(PROFILE).values()]
+            for key, payload in self._answers(RUNS).items():
+                file.heard(key, "json", payload, received=time.time_ns(), stamp=time.time_ns())
             confine.check(cgroups, self._tasks, processors)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
         kept = document(profiles, dt.datetime.now(dt.UTC))
@@ -174,6 +178,15 @@ class _Recording:
         if self._trial.configuration.static:
             about["weights"] = dict(self._conditions.weights)
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
+
+    def _answers(self, keys: str) -> dict[str, bytes]:
+        """What each task answers, by its key; DeployError if one does not: what it did or dropped is unknown then."""
+        replies = [reply.ok for reply in self._viewer.get(keys, timeout=LONG) if reply.ok is not None]
+        found = {str(reply.key_expr): reply.payload.to_bytes() for reply in replies}
+        silent = sorted({*self._tasks} - {key.split("/")[1] for key in found})
+        if silent:
+            raise deploy.DeployError(f"no answer on {keys} received from {', '.join(silent)}")
+        return found
 
     def _slowed(self, processors: set[int]) -> AbstractContextManager[Thieves | Untouched]:
         """What leaves the tasks' processors their pace while they play."""
@@ -205,13 +218,3 @@ def _heard(profiles: list[dict[str, Any]]) -> dict[str, Any]:
         what: {one["task"]: {name: own[what] for name, own in one["inputs"].items()} for one in profiles}
         for what in ("done", "dropped")
     }
-
-
-def _profiles(session: zenoh.Session, tasks: Sequence[str]) -> list[dict[str, Any]]:
-    """What each task says of its inputs; DeployError if one does not answer, since what it dropped is unknown then."""
-    replies = session.get(PROFILE, timeout=10.0)
-    found = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
-    silent = sorted({*tasks} - {one["task"] for one in found})
-    if silent:
-        raise deploy.DeployError(f"no profile received from {', '.join(silent)}")
-    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.policy.validation.policy_file import load_policy
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from contextpolicy.policy.spec import Policy
     from contextpolicy.streams.timeline import Timeline
     from timelines.experiments.stories import Story
 
@@ -26,12 +28,17 @@ if TYPE_CHECKING:
 def schedule(story: Story, path: Path, datasets: Path, deadlines: Mapping[str, float], cores: int) -> Schedule:
     """What is due in a story on a node with so many cores; DatasetError if a recording is missing."""
     timeline = load(path)
-    policy = load_policy(str(story.policy_file))
+    policy = without_delays(load_policy(str(story.policy_file)))
     plans = simulate(policy, timeline, robot=Robot({NODE: cores * 1000})).plans
     keys = _times(timeline, datasets)
     inputs = {task: {name: key for name, key in inputs_of(task).items() if key in keys} for task in tasks_of(story)}
     found = windows(plans, timeline.duration)
     return Schedule(timeline.duration, keys, inputs, dict(deadlines), found, _stops(timeline))
+
+
+def without_delays(policy: Policy) -> Policy:
+    """What matters when: a delay with which a policy follows that is its means, and none may change what is due."""
+    return replace(policy, contexts=tuple(replace(one, enter_after=0.0, exit_after=0.0) for one in policy.contexts))
 
 
 def fingerprint(story: Story, timeline: Path, deadlines: Mapping[str, float]) -> str:

@@ -57,7 +57,7 @@ class Story:
 
 
 TUNING = tuple(Story(name, Use.TUNING, 30) for name in ("errand", "tour", "workshop", "reception"))
-HELD_OUT = tuple(Story(name, Use.HELD_OUT, 60) for name in ("guide", "ward"))
+HELD_OUT = tuple(Story(name, Use.HELD_OUT, 60) for name in ("library", "hotel"))
 PAPER = tuple(
     Story(name, Use.PAPER, seconds, "paper", lossless=True)
     for name, seconds in (("exp1", 180), ("exp2", 60), ("exp3", 15))

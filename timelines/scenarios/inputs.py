@@ -128,7 +128,13 @@ def _scans(scenario: Scenario) -> Iterator[Entry]:
         middle = np.array([(start + end) / 2])
         place, heading = motion.positions_at(middle)[0], float(motion.angles_at(middle)[0][0])
         value = {"ranges": _ranges(float(place[0]), float(place[1]), heading, ahead)}
-        yield _held("robot/lidar/scan", start, end, SCAN_RATE, value, {"moving": moving})
+        yield _held("robot/lidar/scan", start, _last_scan(start, end), SCAN_RATE, value, {"moving": moving})
+
+
+def _last_scan(start: float, end: float) -> float:
+    """The end of a reading, or before its last scan where the next reading's first would follow that at once."""
+    turn = 1 / SCAN_RATE
+    return end if (end - start) % turn > turn / 4 else round(end - turn / 4, 6)
 
 
 def _ranges(x: float, y: float, heading: float, ahead: float) -> list[float]:

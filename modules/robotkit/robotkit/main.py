@@ -50,13 +50,13 @@ def _run(module_yaml: Path, build: Callable[[], Task], stop: threading.Event) ->
     module, addresses = load_module(module_yaml, environment), endpoints(environment)
     check(module)
     task = build()
-    shared, runs = switch(environment, "SHARED_MEMORY"), switch(environment, "PUBLISH_RUNS")
+    shared, runs = switch(environment, "SHARED_MEMORY"), switch(environment, "KEEP_RUNS")
     secret, adaptive = credentials(environment), switch(environment, "ADAPT", absent=True)
     with open_session(addresses, stop, shared_memory=shared, secret=secret) as session:
         if session is not None:
             policy_task, plan_key = environment.get("POLICY_TASK", ""), environment.get("PLAN_KEY", PLAN_KEY)
             runner = Runner(session, module, task, adaptive=adaptive, shared_memory=shared)
-            runner.run(stop, policy_task=policy_task, plan_key=plan_key, publish_runs=runs)
+            runner.run(stop, policy_task=policy_task, plan_key=plan_key, keep_runs=runs)
             _leave()  # before the session closes: the kernel closes its connection, which the router sees at once
 
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from robotkit.cgroup import Usage
     from robotkit.profile import Profile
     from robotkit.quality import Quality
-    from robotkit.run_log import RunLog
 
 
 LAST_S = 1.0
@@ -52,14 +51,12 @@ class Reporter:
         profile: Profile,
         inputs: Taken,
         quality: Quality,
-        runs: RunLog | None,
         usage: Usage,
     ) -> None:
         self._task = task
         self._profile = profile
         self._inputs = inputs
         self._quality = quality
-        self._runs = runs
         self._usage = usage
         self._health = Health(self._snapshot())
         self._suspended = False
@@ -85,8 +82,6 @@ class Reporter:
         while not self._closed.wait(EVERY_S):
             stamp = time.time_ns()
             message = self._health.message(self._snapshot(), self._queue(stamp), suspended=self._suspended)
-            if self._runs is not None:
-                self._runs.publish()  # after the look at the queue, before its message: idle means that all was heard
             message |= {"quality": round(self._quality.value, 3), "adaptive": self._quality.adaptive}
             self._publisher.put(json_text.dumps({"stamp": stamp, **message}), attachment=attachment(stamp))
 

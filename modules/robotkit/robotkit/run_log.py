@@ -1,11 +1,10 @@
-"""The timing of each sample that is done, for experiments: on `robot/<task>/runs`, as lists.
+"""The timing of each sample that is done, for experiments: all of them, for who asks on `robot/<task>/runs`.
 
-One message for each sample would cost the task, and a bus that is short of CPU would lose some of them.
+Published as they happen they would cost the task, and a bus that is short of CPU would lose some.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -17,22 +16,21 @@ if TYPE_CHECKING:
 
 
 class RunLog:
-    """Collects on one thread, publishes on another."""
+    """Grows as long as the task runs."""
 
     def __init__(self, session: zenoh.Session, task: str) -> None:
-        self._kept: deque[Mapping[str, Any]] = deque()
-        self._publisher = session.declare_publisher(
-            f"robot/{task}/runs",
-            encoding=zenoh.Encoding.APPLICATION_JSON,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
+        self._key = f"robot/{task}/runs"
+        self._timings: list[Mapping[str, Any]] = []
+        self._queryable = session.declare_queryable(self._key, self._answer)
 
     def add(self, timing: Mapping[str, Any]) -> None:
         """Note that a sample is done."""
-        self._kept.append(timing)
+        self._timings.append(timing)
 
-    def publish(self) -> None:
-        """Publish what was added since the last time; waits where the bus is busy."""
-        timings = [self._kept.popleft() for _ in range(len(self._kept))]
-        if timings:
-            self._publisher.put(json_text.dumps(timings))
+    def close(self) -> None:
+        """Answer no more."""
+        self._queryable.undeclare()
+
+    def _answer(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(self._key, json_text.dumps(list(self._timings)), encoding=zenoh.Encoding.APPLICATION_JSON)

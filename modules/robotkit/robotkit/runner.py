@@ -58,21 +58,22 @@ class Runner:
         self._producer = Producer(task, self._outputs, self._profile, self._guarded)
 
     def run(
-        self, stop: threading.Event, *, policy_task: str = "", plan_key: str = PLAN_KEY, publish_runs: bool = False
+        self, stop: threading.Event, *, policy_task: str = "", plan_key: str = PLAN_KEY, keep_runs: bool = False
     ) -> None:
         """Work until `stop` is set, then make the robot safe; raises the exception that the task failed with.
 
-        `policy_task` is the task's name in the policy, the module's own by default. With `publish_runs` the timing of
-        each sample that is done goes to `robot/<task>/runs` in lists, whether or not it led to a result.
+        `policy_task` is the task's name in the policy, the module's own by default. With `keep_runs` it
+        keeps the timing of each sample that is done, whether or not it led to a result, and answers with all of them on
+        `robot/<task>/runs`.
         """
         self._stop = stop
         name = policy_task or self._module.name
-        if publish_runs:
+        if keep_runs:
             self._runs = RunLog(self._session, name)
         token = self._session.liveliness().declare_token(f"robot/{name}/alive")
         self._presence = RosPresence(self._session, name, self._module)
         worker = threading.Thread(target=self._guarded(self._work), name=name, daemon=True)
-        reporter = Reporter(self._session, name, self._profile, self._inputs, self._quality, self._runs, own_usage())
+        reporter = Reporter(self._session, name, self._profile, self._inputs, self._quality, own_usage())
         self._resume()
         worker.start()
         listener = PlanListener(
@@ -86,6 +87,8 @@ class Runner:
         self._guarded(lambda: self._attempt(self._task.close))()
         listener.close()
         reporter.close()
+        if self._runs is not None:
+            self._runs.close()
         self._presence.close()
         token.undeclare()
         if self._failure is not None:

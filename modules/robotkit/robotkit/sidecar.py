@@ -53,7 +53,7 @@ class Sidecar:
         self._profile = Profile(module, cpu)
         self._observed = Observed(module, self._profile, cpu, answers_all=answers_all)
         usage = Usage(cpu, lambda: None)  # of the node's container; nobody outside of it sees how often it is throttled
-        self._reporter = Reporter(session, task, self._profile, self._observed, Quality(None), None, usage)
+        self._reporter = Reporter(session, task, self._profile, self._observed, Quality(None), usage)
         self._inputs: list[zenoh.Subscriber[None]] = []
         self._outputs: list[zenoh.Subscriber[None]] = []
 

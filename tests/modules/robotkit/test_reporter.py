@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from queue import Queue
 from types import SimpleNamespace
-from unittest.mock import Mock
 
 import pytest
 
@@ -15,7 +13,6 @@ from robotkit.cgroup import Usage
 from robotkit.profile import Profile
 from robotkit.quality import Quality
 from robotkit.reporter import Reporter
-from robotkit.run_log import RunLog
 from tests.modules.robotkit.bus import client, router
 from tests.modules.robotkit.world import ECHO
 from tests.waiting import PATIENCE
@@ -35,9 +32,7 @@ def test_the_message_of_the_moment_is_sent_before_the_session_may_be_closed(monk
         return 0
 
     with router() as address, client(address) as session, ThreadPoolExecutor(1) as pool:
-        reporter = Reporter(
-            session, "echo", Profile(ECHO), NOTHING, Quality(None), None, Usage(cpu, throttling=lambda: None)
-        )
+        reporter = Reporter(session, "echo", Profile(ECHO), NOTHING, Quality(None), Usage(cpu, throttling=lambda: None))
         assert making.wait(PATIENCE)
         closing = pool.submit(reporter.close)
         with pytest.raises(TimeoutError):
@@ -45,31 +40,3 @@ def test_the_message_of_the_moment_is_sent_before_the_session_may_be_closed(monk
         made.set()
         closing.result(PATIENCE)
     assert not any(thread.name == "health" for thread in threading.enumerate())
-
-
-def test_who_hears_that_a_task_is_idle_has_heard_what_it_did(monkeypatch):
-    """Also of a sample that was done between the last list of those done and the look at the queue."""
-    monkeypatch.setattr(reporter_module, "EVERY_S", 0.01)
-    sent: Queue[tuple[str, bytes]] = Queue()
-    session = Mock()
-    session.declare_publisher = lambda key, **_: Mock(put=lambda payload, **_: sent.put((key, payload)))
-    runs = RunLog(session, "echo")
-
-    class Finishing:
-        """Its only sample is done just before the queue is looked at."""
-
-        dropped, shared = NOTHING.dropped, NOTHING.shared
-        done = False
-
-        @property
-        def unfinished(self):
-            if not self.done:
-                self.done = True
-                runs.add({"stamp": 1})
-            return ()
-
-    usage = Usage(lambda: 0, throttling=lambda: None)
-    reporter = Reporter(session, "echo", Profile(ECHO), Finishing(), Quality(None), runs, usage)
-    assert sent.get(timeout=PATIENCE)[0] == "robot/echo/runs"
-    assert sent.get(timeout=PATIENCE)[0] == "robot/echo/health"
-    reporter.close()

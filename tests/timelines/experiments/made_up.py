@@ -43,7 +43,7 @@ def column(endings, response=0.05, cpu=0.02):
 
 
 def a_run(  # noqa: PLR0913 - what a run differs in, by keyword
-    configuration, slam="i" * 10, speech="i" * 10, *, block=0, load="heavy", story="guide", **more
+    configuration, slam="i" * 10, speech="i" * 10, *, block=0, load="heavy", story="library", **more
 ):
     timing = {name: more.pop(name) for name in ("response", "cpu") if name in more}
     columns = {"slam": {"stereo": column(slam, **timing)}, "speech": {"audio": column(speech, **timing)}}

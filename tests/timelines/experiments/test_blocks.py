@@ -35,8 +35,8 @@ def test_nothing_is_reported_of_what_was_tuned_on():
 
 
 def test_a_quick_look_chooses():
-    few = list(trials(stories=["guide"], loads=[HEAVY], only=[LINUX.name], most=1))
-    assert [str(one) for one in few] == ["guide, heavy load, Linux default, block 1"]
+    few = list(trials(stories=["library"], loads=[HEAVY], only=[LINUX.name], most=1))
+    assert [str(one) for one in few] == ["library, heavy load, Linux default, block 1"]
 
 
 def test_the_main_parts_take_about_what_was_asked_for():
@@ -48,7 +48,7 @@ def test_the_main_parts_take_about_what_was_asked_for():
 
 
 def test_the_rest_takes_what_the_runs_so_far_took_beside_their_inputs():
-    left = list(trials(stories=["guide"], loads=[HEAVY], only=[LINUX.name], most=2))
+    left = list(trials(stories=["library"], loads=[HEAVY], only=[LINUX.name], most=2))
     assert seconds_left({}, left) == 2 * (60 + START)
     assert seconds_left({"a": (60, 80), "b": (60, 90)}, left) == 2 * (60 + 25)
     assert seconds_left({}, []) == 0

@@ -29,7 +29,7 @@ from timelines.experiments.record import RecordError, block, packed, records
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
-CHOSEN = list(trials(stories=["guide"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
+CHOSEN = list(trials(stories=["library"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
 
 
 class Bench(Workbench):
@@ -220,27 +220,27 @@ def test_a_configuration_that_comes_later_joins_its_block(tmp_path):
     run(bench, chosen=[trial for trial in CHOSEN if trial.configuration is LINUX])
     shutil.rmtree(tmp_path / "raw")
     run(bench)
-    assert [name for name, *_ in bench.done[2:]] == ["guide-weights"] * 2
+    assert [name for name, *_ in bench.done[2:]] == ["library-weights"] * 2
     found = Evidence.read(tmp_path / "data")
     assert {name: sorted(blocks) for (_, _, name), blocks in found.runs.items()} == {"linux": [0, 1], "weights": [0, 1]}
 
 
 def test_what_is_due_may_not_change_between_runs(tmp_path):
-    write_schedule(tmp_path, "guide", SCHEDULE)
-    write_schedule(tmp_path, "guide", SCHEDULE)
+    write_schedule(tmp_path, "library", SCHEDULE)
+    write_schedule(tmp_path, "library", SCHEDULE)
     with pytest.raises(RecordError, match="has changed"):
-        write_schedule(tmp_path, "guide", replace(SCHEDULE, deadlines={}))
+        write_schedule(tmp_path, "library", replace(SCHEDULE, deadlines={}))
 
 
 def test_what_is_due_is_compared_by_what_it_says(tmp_path):
-    write_schedule(tmp_path, "guide", SCHEDULE)
-    path = tmp_path / "schedules" / "guide.json.xz"
+    write_schedule(tmp_path, "library", SCHEDULE)
+    path = tmp_path / "schedules" / "library.json.xz"
     path.write_bytes(lzma.compress(lzma.decompress(path.read_bytes()), preset=0))  # as another version of xz would
-    write_schedule(tmp_path, "guide", SCHEDULE)
+    write_schedule(tmp_path, "library", SCHEDULE)
 
 
 def test_a_story_that_has_changed_is_found_out_before_anything_is_run(tmp_path):
-    write_schedule(tmp_path / "data", "guide", replace(SCHEDULE, deadlines={"slam": 9.0}))
+    write_schedule(tmp_path / "data", "library", replace(SCHEDULE, deadlines={"slam": 9.0}))
     bench = Bench(tmp_path)
     with pytest.raises(RecordError, match="has changed"):
         run(bench)
@@ -249,7 +249,7 @@ def test_a_story_that_has_changed_is_found_out_before_anything_is_run(tmp_path):
 
 def test_what_is_interrupted_while_it_is_written_leaves_what_was_there(monkeypatch, tmp_path):
     write_frozen(tmp_path, {"solo": {}})
-    write_schedule(tmp_path, "guide", SCHEDULE)
+    write_schedule(tmp_path, "library", SCHEDULE)
     note_absent(tmp_path, [CHOSEN[0].cell], "it can't")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
@@ -260,12 +260,12 @@ def test_what_is_interrupted_while_it_is_written_leaves_what_was_there(monkeypat
     for write in (
         lambda: write_frozen(tmp_path, {}),
         lambda: note_absent(tmp_path, [CHOSEN[1].cell], "it can't either"),
-        lambda: write_schedule(tmp_path, "ward", SCHEDULE),
+        lambda: write_schedule(tmp_path, "hotel", SCHEDULE),
     ):
         with pytest.raises(KeyboardInterrupt):
             write()
     assert {path: path.read_bytes() for path in before} == before
-    assert Evidence.read(tmp_path).schedules.keys() == {"guide"}
+    assert Evidence.read(tmp_path).schedules.keys() == {"library"}
 
 
 def test_what_was_calibrated_is_kept_for_people_to_read(tmp_path):
@@ -424,7 +424,7 @@ def test_what_is_predicted_from_is_the_run_of_this_machine(monkeypatch, tmp_path
 
 
 def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, capsys):
-    write_schedule(tmp_path, "guide", SCHEDULE)
+    write_schedule(tmp_path, "library", SCHEDULE)
     (tmp_path / "blocks").mkdir()
     (tmp_path / "blocks" / "2-heavy-01.json.xz").write_bytes(block([a_run("linux")]))
 
@@ -432,14 +432,14 @@ def test_what_was_measured_is_reported_where_runs_fail(monkeypatch, tmp_path, ca
         raise DeployError("the node is gone")
 
     monkeypatch.setattr(command, "_run", fail)
-    assert command.main(["guide", "--data", str(tmp_path), "--report", str(tmp_path)]) == 1
+    assert command.main(["library", "--data", str(tmp_path), "--report", str(tmp_path)]) == 1
     assert "the node is gone" in capsys.readouterr().out
     assert (tmp_path / "report.md").exists()
 
 
 def test_a_report_is_published_only_where_somebody_asks_for_it(monkeypatch, tmp_path):
     """The campaign takes days: what is published meanwhile stays, and so do the pages that quote it."""
-    write_schedule(tmp_path / "data", "guide", SCHEDULE)
+    write_schedule(tmp_path / "data", "library", SCHEDULE)
     (tmp_path / "data" / "blocks").mkdir()
     (tmp_path / "data" / "blocks" / "2-heavy-01.json.xz").write_bytes(block([a_run("linux")]))
     monkeypatch.setattr(command, "commit_folder", lambda *_: pytest.fail("it was committed"))
@@ -457,7 +457,7 @@ def test_an_unknown_story_or_configuration_is_refused(capsys):
         with pytest.raises(SystemExit):
             command.main(arguments)
     refused = capsys.readouterr().err
-    assert "'magic': expected one of guide, ward" in refused
+    assert "'magic': expected one of library, hotel" in refused
     assert "linux-gated" in refused
 
 

@@ -58,7 +58,7 @@ def test_every_input_of_a_run_is_in_its_record(run):
     assert (column.fates, column.responses, column.cpu) == ("dxld", [500, 2000], [4000, 5000])
     assert kept.late == {STEREO: [10, 0, 0, 0]}
     assert kept.accuracy["slam"] == ["ATE", 0.0123, "m", 90, False]
-    assert (kept.load, kept.story, kept.configuration, kept.block) == ("heavy", "guide", "weights-gated", 3)
+    assert (kept.load, kept.story, kept.configuration, kept.block) == ("heavy", "library", "weights-gated", 3)
     assert kept.about == {"load": 0.1, "drained": True, "finished": 3.2, "unheard": {}, "violations": []}
 
 

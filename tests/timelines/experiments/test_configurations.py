@@ -70,6 +70,8 @@ def test_gating_is_a_factor_of_its_own():
     for configuration in (STATIC_GATED, WEIGHTS_GATED, LIMITS_GATED):
         assert suspensions(variant(configuration)) == gated
     assert suspensions(variant(WEIGHTS)) == {context: [] for context in gated}
+    lifted = [change for one in variant(WEIGHTS)["spec"]["contexts"] for change in one["tasks"].values()]
+    assert lifted == [{"weight": 100}] * 4
     assert LINUX.variant(MISSION, "1200m") is None
     assert [one.relayed for one in (LINUX, LINUX_GATED, WEIGHTS_GATED)] == [False, True, False]
 
@@ -134,7 +136,7 @@ def module(configuration, task="slam", story=HELD_OUT[0]):
 
 
 def test_queues_are_the_modules_own_but_under_the_papers_terms():
-    assert module(LINUX) == {"cpu": {"limit": ""}, "env": {"PUBLISH_RUNS": "true", "ADAPT": "false"}}
+    assert module(LINUX) == {"cpu": {"limit": ""}, "env": {"KEEP_RUNS": "true", "ADAPT": "false"}}
     deep = module(LINUX, story=PAPER[0])
     assert deep["env"]["INPUT_STEREO"] == f"{{depth: {DEPTH}}}"
     assert "memory" in deep
@@ -144,7 +146,7 @@ def test_the_second_camera_s_reader_is_the_module_signs_on_keys_of_its_own():
     left = module(WEIGHTS_GATED, "signs-left")
     assert (left["module"], left["enabled"], left["cpu"]) == ("signs", True, {"limit": "2"})
     assert left["env"]["INPUT_PICTURE"] == inputs_of("signs-left")["picture"] == "robot/camera/left"
-    assert left["env"]["PUBLISH_RUNS"] == "true"
+    assert left["env"]["KEEP_RUNS"] == "true"
     assert inputs_of("signs") == {"picture": "robot/camera/side"}
 
 

@@ -86,6 +86,16 @@ def test_configurations_differ_a_little_in_their_work():
         assert list(earlier_of_usual_work().reasons(run("static", cpu=cost))) == []
 
 
+def test_under_limits_work_is_compared_with_that_under_limits():
+    """They take a tenth less of it: beside all others they would be repeated more often than these."""
+    earlier = earlier_of_usual_work()
+    assert list(earlier.reasons(run("limits", cpu=0.0215))) == []
+    for _ in range(FEW):
+        earlier.add(run("limits-gated", cpu=0.0225))
+    assert list(earlier.reasons(run("limits", cpu=0.0205))) == []
+    assert list(earlier.reasons(run("static", cpu=0.0205))) != []
+
+
 def test_a_task_alone_takes_less_work_and_is_no_reason():
     earlier = earlier_of_usual_work()
     assert list(earlier.reasons(run("alone", cpu=0.015))) == []

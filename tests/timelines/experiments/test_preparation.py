@@ -91,6 +91,7 @@ def test_a_policy_divides_what_is_there():
     assert Capacity(2, 0.5).reserve(2, 1.0) == "1700m"  # all else is on the tasks' processors
     assert Capacity(2, 1.0).reserve(2, 1.0) == "700m"
     assert Capacity(2, 1.4).reserve(2, 2.0) == "950m"
+    assert Capacity(2, 1.4).reserve(2, 1.0) == "0"  # more than whole ones
     assert (str(Capacity(1, 0.75)), Capacity(1, 0.75).name) == ("1 x 0.75", "1x0.75")
 
 

@@ -115,9 +115,9 @@ def test_each_set_of_static_weights_is_a_point_where_one_task_is_drawn_against_a
 
 
 def test_what_the_camera_saw_is_drawn_below_the_contexts(tmp_path):
-    frames = tmp_path / "guide.png"
+    frames = tmp_path / "library.png"
     imsave(frames, np.zeros((8, 40)))
-    write_report(replace(evidence(a_run("linux")), films={"guide": frames}), tmp_path)
+    write_report(replace(evidence(a_run("linux")), films={"library": frames}), tmp_path)
     assert "(figures/film.svg)" in (tmp_path / "details.md").read_text(encoding="utf-8")
     drawn = (tmp_path / "figures" / "film.svg").read_text(encoding="utf-8")
     assert "<image " in drawn

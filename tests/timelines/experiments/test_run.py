@@ -74,7 +74,7 @@ def node(monkeypatch):
         monkeypatch.setattr(run_module, "as_service", lambda _: nullcontext())
         monkeypatch.setattr(run_module, "slowed", at_pace)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
-        running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, publish_runs=True)
+        running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, keep_runs=True)
         yield
         stop.set()
         running.result()

@@ -97,7 +97,7 @@ def test_a_total_time_stands_beside_that_of_the_same_work_as_well():
     assert row(text, "exp3", "Linux default, gated")[2:4] == ["1.25 [1.25, 1.25]", "-"]
 
 
-ABSENT = [Absent("heavy", story, "vpa", 0, "no autoscaler") for story in ("guide", "ward")]
+ABSENT = [Absent("heavy", story, "vpa", 0, "no autoscaler") for story in ("library", "hotel")]
 
 
 def test_what_was_not_run_has_a_row_and_a_reason():
@@ -173,7 +173,7 @@ def test_a_run_that_lasts_longer_since_its_queues_empty_slowly_does_not_use_more
 
 def test_a_run_that_was_given_up_is_named():
     said = doubts.doubts(evidence(given_up(a_run("linux"))))
-    assert said.startswith("- guide, heavy load, Linux default, block 1: inputs")
+    assert said.startswith("- library, heavy load, Linux default, block 1: inputs")
     assert doubts.doubts(SOME) == ""
 
 
@@ -198,7 +198,7 @@ def test_a_block_of_several_codes_machines_or_days_is_named():
 
 def test_a_run_that_had_to_be_begun_again_is_named():
     said = doubts.doubts(evidence(changed(a_run("linux"), failures=["DeployError: helm: timed\nout"])))
-    assert said == "- guide, heavy load, Linux default, block 1: begun 2 times: DeployError: helm: timed out.\n"
+    assert said == "- library, heavy load, Linux default, block 1: begun 2 times: DeployError: helm: timed out.\n"
 
 
 def test_a_run_whose_work_turns_out_to_be_off_is_named():
@@ -206,7 +206,7 @@ def test_a_run_whose_work_turns_out_to_be_off_is_named():
     off = [a_run("weights", block=0, cpu=0.015), *(a_run("weights", block=n, cpu=0.02) for n in range(1, 9))]
     said = doubts.doubts(evidence(a_run("alone"), *off))
     assert said == (
-        "- guide, heavy load, context weights, block 1: counted as it was, though the same inputs took 75% of other"
+        "- library, heavy load, context weights, block 1: counted as it was, though the same inputs took 75% of other"
         " runs' work: expected 88% to 112%.\n"
     )
 
@@ -215,15 +215,15 @@ def test_attempts_that_do_not_count_are_shown_beside_those_that_do():
     """Whoever doubts the rule can see whether it favours a configuration."""
     attempt = changed(a_run("linux", slam="iiiid" + "iiiii"), failures=["the player was late"])
     found = replace(evidence(a_run("linux")), rejected=[attempt])
-    name = "guide, heavy load, Linux default, block 1"
+    name = "library, heavy load, Linux default, block 1"
     assert row(doubts.rejected(found), name) == [name, "the player was late", "90.0", "100.0"]
     assert doubts.rejected(SOME) == ""
 
 
 def test_predictions_are_scored_against_simple_answers():
-    frozen = {"predicted": {"misses": {"guide": {"weights-gated": {"slam": 0.1, "speech": 0.0}}}}}
+    frozen = {"predicted": {"misses": {"library": {"weights-gated": {"slam": 0.1, "speech": 0.0}}}}}
     text = detail_tables.predictions(evidence(*some_runs(), frozen=frozen))
-    assert row(text, "guide", "context weights, gated", "slam")[3:] == ["10.0", "0.0", "40.0"]
+    assert row(text, "library", "context weights, gated", "slam")[3:] == ["10.0", "0.0", "40.0"]
     assert row(text, "5.0") == ["5.0", "0.0", "20.0"]
 
 

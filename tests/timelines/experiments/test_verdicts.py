@@ -133,8 +133,8 @@ def test_stories_of_a_block_count_by_what_is_due_in_them():
     """Else one picture of eight would weigh twice as much as one of sixteen."""
     often = replace(SCHEDULE, keys={key: [n / 2 for n in range(20)] for key in SCHEDULE.keys})
     short = [a_run(name, slam=slam) for name, slam in (("weights", "iiiid" + "iiiii"), ("alone", "i" * 10))]
-    long = [a_run(name, "i" * 20, "i" * 20, story="ward") for name in ("weights", "alone")]
-    found = replace(evidence(*short, *long), schedules={"guide": SCHEDULE, "ward": often})
+    long = [a_run(name, "i" * 20, "i" * 20, story="hotel") for name in ("weights", "alone")]
+    found = replace(evidence(*short, *long), schedules={"library": SCHEDULE, "hotel": often})
     drive = next(case for case in judged(found, HITS) if case.name == "drive: slam")
     assert drive.value == pytest.approx(14 / 15)
     assert drive.gain.mean == pytest.approx(14 / 15 - 0.98)
