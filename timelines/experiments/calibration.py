@@ -26,6 +26,9 @@ LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4, **{load:
 """What the tasks together want, as a part of what there is."""
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
+FASTEST = 1.25
+"""Whole processors that one is asked to do at most. Where limits left them idle those of the machine of the first blocks
+did 1.45 at times, of which what slows them needs a twentieth: at 1.39 four runs in a row had less than their pace."""
 ROOM = 0.85
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
 no division can keep a goal, and nothing is learned from a miss. Beside others an input takes more CPU than alone."""
@@ -102,13 +105,13 @@ def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 
     """What makes a load: the fewest processors that are enough, slowed as far as it takes.
 
     It has room for `least`, what the neediest context's tasks want. Where there are no others all else runs on them,
-    too. A part of more than 1 needs processors that are faster than a whole one.
+    too. A part of more than 1 needs processors that are faster than a whole one, of which there are.
     """
     needed = max(sum(wanted.values()) / LOADS[load], least / ROOM)
     processors = min(max(math.ceil(needed - SLIGHT), 1), cores)
     else_ = beside(processors, cores) / 1000
     needed = max((sum(wanted.values()) + else_) / LOADS[load], least / ROOM + else_)
-    return Capacity(processors, round(max(SLOWEST, needed / processors), 3))
+    return Capacity(processors, round(min(FASTEST, max(SLOWEST, needed / processors)), 3))
 
 
 def swept(load: str, heavy: Capacity, asked: float) -> Capacity:

@@ -60,9 +60,14 @@ def test_a_tenth_of_a_processor_is_not_worth_another_one_of_half_the_speed():
 
 def test_on_all_processors_there_is_room_for_all_else():
     """As measured: else a load of 0.7 was one of 1.08, and nothing was light about it."""
-    wanted = {"slam": 0.8, "signs": 0.32}
-    assert capacity("light", wanted, 2) == (2, 1.3)  # (1.12 + 0.7) / 0.7
-    assert capacity("light", wanted, 2, least=1.7) == (2, 1.35)  # 1.7 / 0.85, and 0.7
+    wanted = {"slam": 0.7, "signs": 0.28}
+    assert capacity("light", wanted, 2) == (2, 1.2)  # (0.98 + 0.7) / 0.7
+    assert capacity("light", wanted, 2, least=1.445) == (2, 1.2)  # 1.445 / 0.85, and 0.7
+    assert capacity("light", wanted, 2, least=1.6) == (2, 1.25)  # a pace that limits still leave
+
+
+def test_processors_are_not_asked_to_be_faster_than_they_are():
+    assert [capacity(load, {"slam": 9.0}, 2) for load in ("light", "heavy")] == [(2, 1.25), (2, 1.25)]
 
 
 def test_no_context_wants_more_for_its_critical_and_the_protected_tasks_than_there_is():
