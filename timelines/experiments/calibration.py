@@ -27,8 +27,8 @@ LOADS: Mapping[str, float] = {LIGHT: 0.7, HEAVY: 1.4, PAPERS_LOAD: 1.4, **{load:
 SLOWEST = 0.15
 """Part of a processor that is left at least: the kernel stops realtime threads that take more than 95 %."""
 FASTEST = 1.25
-"""Whole processors that one is asked to do at most. Where limits left them idle those of the machine of the first blocks
-did 1.45 at times, of which what slows them needs a twentieth: at 1.39 four runs in a row had less than their pace."""
+"""Whole processors that one is asked to do at most. Where limits left them idle those of the first blocks' machine did
+1.45 at times, of which what slows them needs a twentieth: at 1.39 four runs in a row had less than their pace."""
 ROOM = 0.85
 """Part of the capacity that a context's critical and protected tasks may want at most. If they want more than there is,
 no division can keep a goal, and nothing is learned from a miss. Beside others an input takes more CPU than alone."""
