@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 NEAR = 0.06
-"""How far the work for the same inputs may be from the calibration's where a run tells what a whole processor is: how
+"""How far the work for the same inputs may be from the calibration's where a run shows what a whole processor is: how
 much the tasks wait for memory depends on their own speed."""
 ENOUGH = 3
-"""Runs that tell it: a single one is off by up to 3 %."""
+"""Runs that show it: a single one is off by up to 3 %."""
 TRIES = 6
 
 
@@ -47,20 +47,20 @@ def whole_here(reference: Run, known: Iterable[Run], play: Callable[[float], Run
     """As many turns a second of the loop as make the tasks' work for the same inputs the calibration's.
 
     `reference` is the calibration's run of each task alone, `known` are repetitions of it on this machine, and `play`
-    makes another one, with what counts as a whole processor. It is the median of what they tell, so that it stays the
+    makes another one, with what counts as a whole processor. It is the median of what they show, so that it stays the
     same once there are ENOUGH. DisturbedError if they differ too much.
     """
     runs = list(known)
     for _ in range(TRIES):
-        found = [_told(run, reference) for run in runs if abs(_work(run, reference) - 1) <= NEAR]
+        found = [_shown(run, reference) for run in runs if abs(_work(run, reference) - 1) <= NEAR]
         if len(found) >= ENOUGH:
             return round(median(found))
-        runs.append(play(_told(runs[-1], reference) if runs else reference.whole))
+        runs.append(play(_shown(runs[-1], reference) if runs else reference.whole))
     works = ", ".join(f"{_work(run, reference):.0%}" for run in runs)
     raise DisturbedError(f"the tasks took {works} of the calibration's work: expected {ENOUGH} runs of about 100%")
 
 
-def _told(run: Run, reference: Run) -> float:
+def _shown(run: Run, reference: Run) -> float:
     """What a whole processor is by one run."""
     return run.whole * _work(run, reference)
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 CALIBRATION = "alone"
 """File of the calibration's runs, which are of each task alone."""
 MACHINE = "machine-"
-"""How the names of files begin whose runs tell what a whole processor is."""
+"""How the names of files begin whose runs show what a whole processor is."""
 PROFILED = "profiled"
 """Folder of the run that predictions take each input's cost from."""
 MIDDLE = "exp2"
@@ -85,7 +85,7 @@ class Preparation:
         return {"date": date, **found, "deadlines": deadlines, "solo": solo}
 
     def measured(self, frozen: Frozen) -> None:
-        """Measure what counts as a whole processor here, unless enough runs on such a machine have told it."""
+        """Measure what counts as a whole processor here, unless enough runs on such a machine have shown it."""
         setting = settings(frozen)[HEAVY]
         reference, known = self._reference(setting), self._on_such_a_machine(setting)
 
@@ -100,7 +100,7 @@ class Preparation:
         self._progress.say(f"here a whole processor is {self._bench.whole:.0f} turns a second")
 
     def _on_such_a_machine(self, setting: Setting) -> list[Run]:
-        """The runs that have told what a whole processor is on machines like this one."""
+        """The runs that have shown what a whole processor is on machines like this one."""
         here = kind(this_machine())
         due = self._bench.schedule(TUNING[0], setting.deadlines)
         every = (one for path in self._machine_files() for one in records(path.read_bytes()))

@@ -39,7 +39,7 @@ def test_where_the_loop_gains_more_than_the_tasks_a_whole_processor_is_more_turn
     play, played = machine(1.44 * 1.54, 0.02 * 0.81)
     assert whole_here(REFERENCE, [], play) == pytest.approx(1.247 * WHOLE, rel=0.01)
     assert played[0] == WHOLE
-    assert len(played) == 1 + ENOUGH  # the first was too far off to tell more than where to look
+    assert len(played) == 1 + ENOUGH  # the first was too far off to show more than where to look
 
 
 def test_one_run_that_is_a_little_off_does_not_move_it():
@@ -47,7 +47,7 @@ def test_one_run_that_is_a_little_off_does_not_move_it():
     assert whole_here(REFERENCE, [], lambda whole: machine(1.44, next(costs))[0](whole)) == WHOLE  # noqa: PLW0108 - a new cost each time
 
 
-def test_where_enough_runs_have_told_it_nothing_is_played():
+def test_where_enough_runs_have_shown_it_nothing_is_played():
     known = [machine(1.44, cost)[0](WHOLE) for cost in (0.0199, 0.02, 0.0203, 0.04)]
     assert whole_here(REFERENCE, known, lambda _: pytest.fail("it was played")) == WHOLE
 
