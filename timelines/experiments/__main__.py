@@ -20,6 +20,7 @@ from robotkit.euroc import DatasetError
 from timelines.datasets.recordings import ROOT
 from timelines.demo import deploy
 from timelines.experiments import installation
+from timelines.experiments.alone import alone
 from timelines.experiments.blocks import PLAN, trials
 from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folders = Folders(
         raw, options.data or (raw / "data" if quick else DATA), options.datasets, options.out / "timelines"
     )
-    ran = options.report_only or _succeeds(lambda: _run(options, Workbench(folders), quick=quick))
+    ran = options.report_only or _succeeds(lambda: _run_alone(options, folders, quick=quick))
     reported = _succeeds(lambda: _report(folders.data, options.report or raw))
     return 0 if ran and reported else 1
 
@@ -70,6 +71,11 @@ def _report(data: Path, out: Path) -> bool:
     if evidence.runs:
         Lines().say(f"report: {write_report(evidence, out)}")
     return True
+
+
+def _run_alone(options: argparse.Namespace, folders: Folders, *, quick: bool) -> bool:
+    with alone():
+        return _run(options, Workbench(folders), quick=quick)
 
 
 def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:

@@ -97,8 +97,8 @@ def of_load(load: str, runs: Sequence[Run], cores: int) -> Capacity:
 
 def asked(runs: Sequence[Run], there: Capacity, cores: int) -> float:
     """What all tasks want, and what runs beside them on the same processors, as a part of what there is."""
-    else_ = beside(there.processors, cores) / 1000
-    return round((sum(demand(runs).values()) + else_) / (there.processors * there.part), 2)
+    others = beside(there.processors, cores) / 1000
+    return round((sum(demand(runs).values()) + others) / (there.processors * there.part), 2)
 
 
 def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 0.0) -> Capacity:
@@ -109,8 +109,8 @@ def capacity(load: str, wanted: Mapping[str, float], cores: int, least: float = 
     """
     needed = max(sum(wanted.values()) / LOADS[load], least / ROOM)
     processors = min(max(math.ceil(needed - SLIGHT), 1), cores)
-    else_ = beside(processors, cores) / 1000
-    needed = max((sum(wanted.values()) + else_) / LOADS[load], least / ROOM + else_)
+    others = beside(processors, cores) / 1000
+    needed = max((sum(wanted.values()) + others) / LOADS[load], least / ROOM + others)
     return Capacity(processors, round(min(FASTEST, max(SLOWEST, needed / processors)), 3))
 
 

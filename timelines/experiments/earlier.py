@@ -28,7 +28,7 @@ FEW = 5
 """Runs of a story under a load that are too few to say how much work its inputs are."""
 OFF = 0.12
 """How far a run's work for the same inputs may be from the median of runs like it: of 90 runs 88 were within it, and
-two were 15 and 26 % below it. Under limits, which leave the tasks little to contend for, they take a tenth less."""
+two were 15 and 26 % below it. Under limits, which leave the tasks little to contend for, it is up to a tenth less."""
 
 
 class Kind(NamedTuple):

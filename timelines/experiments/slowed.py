@@ -53,7 +53,7 @@ class Thieves:
 
     def pace(self) -> Pace:
         """What they found while the block ran, once it has ended; SlowedError if that is nothing."""
-        return found([[float(word) for word in line.split()] for line in self._lines], self._pace)
+        return left_by([[float(word) for word in line.split()] for line in self._lines], self._pace)
 
     def end(self) -> None:
         """End them, and keep what they have written."""
@@ -77,7 +77,7 @@ class Untouched:
         return Pace(round(self._turns), 1.0, 1.0)
 
 
-def found(lines: Sequence[Sequence[float]], pace: float) -> Pace:
+def left_by(lines: Sequence[Sequence[float]], pace: float) -> Pace:
     """What thieves' lines come to, of the pace that they were to leave; SlowedError if there are none. Pure."""
     if not lines:
         raise SlowedError("what slows the processors said nothing: expected a line every second")

@@ -145,7 +145,7 @@ class Workbench:
                 if not (folder / RUN).exists():
                     self._install(trial)
                     execute(trial, conditions, folder)
-                return self._counting(trial, conditions.timeline, folder, due), failures
+                return self._accepted(trial, conditions.timeline, folder, due), failures
             except Exception as error:  # whatever it is: one run must not end a night of them
                 self._installed = None  # everything is installed again, whatever was there
                 (folder / RUN).unlink(missing_ok=True)  # what can't be understood is played again
@@ -156,7 +156,7 @@ class Workbench:
                 if broken == TRIES or len(failures) == DISTURBED:
                     raise deploy.DeployError(f"failed {len(failures)} times, at last: {error}") from error
 
-    def _counting(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
+    def _accepted(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
         """The record of a run that was played; RejectedError if it does not count."""
         found = self._understood(trial, timeline, folder, due)
         why = [*reasons(found), *self._earlier.reasons(Run(due, found))]

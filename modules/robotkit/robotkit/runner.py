@@ -62,8 +62,8 @@ class Runner:
     ) -> None:
         """Work until `stop` is set, then make the robot safe; raises the exception that the task failed with.
 
-        `policy_task` is the task's name in the policy, the module's own by default. With `keep_runs` it
-        keeps the timing of each sample that is done, whether or not it led to a result, and answers with all of them on
+        `policy_task` is the task's name in the policy, the module's own by default. With `keep_runs` the
+        timing of each sample that is done is kept, whether or not it led to a result, for who asks on
         `robot/<task>/runs`.
         """
         self._stop = stop

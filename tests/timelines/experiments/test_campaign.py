@@ -15,6 +15,7 @@ from tests.timelines.experiments.made_up import ABOUT, MEASURED, SCHEDULE, a_run
 from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
+from timelines.experiments import alone as exclusive
 from timelines.experiments import campaign, installation, prepare
 from timelines.experiments.blocks import HEAVY, START, trials
 from timelines.experiments.calibration import demand
@@ -30,6 +31,12 @@ from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.workbench import Folders, Setting, Workbench
 
 CHOSEN = list(trials(stories=["library"], loads=[HEAVY], only=[LINUX.name, WEIGHTS.name], most=2))
+
+
+@pytest.fixture(autouse=True)
+def own_lock(monkeypatch, tmp_path):
+    """A measurement that runs on this machine is not waited for."""
+    monkeypatch.setattr(exclusive, "LOCK", tmp_path / "lock")
 
 
 class Bench(Workbench):
@@ -446,6 +453,15 @@ def test_a_report_is_published_only_where_somebody_asks_for_it(monkeypatch, tmp_
     monkeypatch.setattr(command, "_run", lambda *_, **__: True)
     assert command.main(["--commit", "--data", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "report.md").exists()
+
+
+def test_two_calls_on_one_machine_do_not_take_each_others_processors(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(command, "_run", lambda *_, **__: pytest.fail("it ran"))
+    with exclusive.alone():
+        assert command.main(["--data", str(tmp_path)]) == 1
+    assert "other experiments run on this machine" in capsys.readouterr().out
+    monkeypatch.setattr(command, "_run", lambda *_, **__: True)
+    assert command.main(["--data", str(tmp_path)]) == 0
 
 
 def test_without_a_choice_everything_is_reported(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from tests.waiting import until
 from timelines.experiments import thief as thief_module
-from timelines.experiments.slowed import SlowedError, found, slowed, speed
+from timelines.experiments.slowed import SlowedError, left_by, slowed, speed
 from timelines.experiments.thief import LEAST, PERIOD, Pacer
 
 PACE = 100_000.0
@@ -47,12 +47,12 @@ def test_time_in_which_the_host_ran_something_else_was_left_to_nobody():
 
 
 def test_lines_come_to_a_speed_and_to_the_part_of_the_pace_that_was_left():
-    assert found([(0.5, 100_000), (0.25, 90_000), (0.5, 106_000)], PACE) == (236_800, 0.987, 0.9)
+    assert left_by([(0.5, 100_000), (0.25, 90_000), (0.5, 106_000)], PACE) == (236_800, 0.987, 0.9)
 
 
 def test_thieves_that_say_nothing_are_an_error():
     with pytest.raises(SlowedError, match="said nothing"):
-        found([], PACE)
+        left_by([], PACE)
 
 
 def thief(monkeypatch, tmp_path, program):
