@@ -8,7 +8,9 @@ about them as well: elsewhere others come first.
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from statistics import mean
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +19,7 @@ from timelines.experiments.metrics import contexts
 from timelines.experiments.tasks import inputs_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from contextpolicy.streams.timeline import Timeline
@@ -29,6 +31,8 @@ EARLY, LATE = 0.5, 2.5
 LINGERS = 4.0
 """Seconds for which a sign that was not read surely may still be reported when it is gone."""
 FEWEST_POSES = 10
+APART = 1.0
+"""Seconds between two orders from which on they are of two occasions to follow something."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +193,30 @@ def _doing(truth: object) -> object:
     return truth.get("doing") if isinstance(truth, dict) else None
 
 
-_EVENTS: Mapping[str, Callable[[Judge, RunData, str | None], Accuracy | None]] = {"signs": _signs, "speech": _commands}
+def _followed(judge: Judge, run: RunData, context: str | None = None) -> Accuracy | None:
+    """How far the grip was from the place that it was to be at, when the next place came."""
+    orders = [one for one in judge.story.entries if one.key == "robot/arm/order" and judge.counts(one.start, context)]
+    places = [(one.start, place) for one in orders if (place := _followed_place(one.value, one.truth))]
+    states = [(one.heard - run.started, one.value["position"]) for one in run.results.get("robot/arm/state", ())]
+    errors = []
+    for (begin, place), (end, _) in pairwise(places):
+        reached = next((position for at, position in reversed(states) if at < end), None)
+        if reached and end - begin < APART:
+            errors.append(math.dist(reached, place) / 1000)
+    return Accuracy("following error", mean(errors), "m", len(errors), more_is_better=False) if errors else None
+
+
+def _followed_place(order: Any, truth: object) -> Sequence[float]:
+    """Where an order to follow something wants the grip, in millimetres; empty for any other."""
+    follows = isinstance(truth, dict) and truth.get("follows")
+    return order["move"] if follows else ()
+
+
+_EVENTS: Mapping[str, Callable[[Judge, RunData, str | None], Accuracy | None]] = {
+    "signs": _signs,
+    "speech": _commands,
+    "arm": _followed,
+}
 """Of tasks whose results are single events, each of which is in one context."""
 _JUDGES: Mapping[str, Callable[[Judge, RunData], Accuracy | None]] = {
     "slam": _poses,

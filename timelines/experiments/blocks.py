@@ -50,8 +50,8 @@ PLAN: Sequence[Part] = (
     Part(HEAVY, HELD_OUT, FACTORS, 10),
     Part(LIGHT, HELD_OUT, FIRST_LAW, 10),
     *(Part(load, HELD_OUT, DIVISIONS, 3) for load in SWEEP),
-    Part(HEAVY, HELD_OUT, VARIANTS, 3),
     Part(PAPERS_LOAD, PAPER, PAPERS, 3),
+    Part(HEAVY, HELD_OUT, VARIANTS, 3),
     Part(HEAVY, HELD_OUT, (VPA,), 3),
     Part(UNSLOWED, (STORIES["exp2"],), (REALTIME,), 1),
 )

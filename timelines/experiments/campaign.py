@@ -40,10 +40,10 @@ class Campaign:
         self,
         bench: Workbench,
         settings: Mapping[str, Setting],
-        tuned: Mapping[bool, Mapping[str, int]],
+        tuned: Mapping[str, Mapping[bool, Mapping[str, int]]],
         progress: Progress,
     ) -> None:
-        """`settings` are by load, `tuned` the searched weights without and with gating."""
+        """`settings` are by load, and so are `tuned`, the searched weights without and with gating."""
         self._bench, self._settings, self._tuned, self._progress = bench, settings, tuned, progress
         self._in_a_row = 0
         self._given_up: set[tuple[str, str]] = set()
@@ -83,6 +83,7 @@ class Campaign:
             minutes = seconds_left(self._bench.took, missing[number:]) / 60
             self._progress.say(f"[{number + 1}/{len(missing)}, {minutes:.0f} min left] {trial}")
             self._attempt(trial, missing)
+            self._keep_rejected(trial)
             self._keep(trial.group, trials, commit=commit)
         self._keep_what_was_lost(trials, commit=commit)
         return sum(not self._has(trial) for trial in missing)
@@ -144,7 +145,7 @@ class Campaign:
         return {(one.story, one.configuration): one for one in found}
 
     def _record(self, trial: Trial) -> Record:
-        setting, weights = self._settings[trial.load], self._tuned[trial.configuration.gated]
+        setting, weights = self._settings[trial.load], self._tuned[trial.load][trial.configuration.gated]
         return self._bench.record(trial.group, trial, setting, weights)
 
     def _keep(self, group: str, trials: Sequence[Trial], *, commit: bool) -> None:
@@ -158,18 +159,17 @@ class Campaign:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, block(found.values()))
         self._cells[group] = frozenset(found)
-        self._keep_rejected(group, done)
         failed = commit_folder(self._bench.folders.data, f"Keep block {group} of the experiments") if commit else ""
         if failed:  # the block is kept, and the next commit has it
             self._progress.say(failed)
 
-    def _keep_rejected(self, group: str, done: Sequence[Trial]) -> None:
-        """Write the attempts at these runs that do not count, beside those at others that a file has."""
-        path = self._bench.folders.data / REJECTED / f"{group}{ENDING}"
-        before = records(path.read_bytes()) if path.exists() else []
-        found = {one.about["date"]: one for one in before}
-        found |= {one.about["date"]: one for trial in done for one in self._bench.rejected(group, trial)}
-        if found:
+    def _keep_rejected(self, trial: Trial) -> None:
+        """Write the attempts at a run that do not count, also where it was given up, beside others of its block."""
+        path = self._bench.folders.data / REJECTED / f"{trial.group}{ENDING}"
+        rejected = self._bench.rejected(trial.group, trial)
+        if rejected:
+            before = records(path.read_bytes()) if path.exists() else []
+            found = {one.about["date"]: one for one in (*before, *rejected)}
             path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, block(found.values()))
 

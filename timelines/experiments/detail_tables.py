@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 def calibrated(frozen: Mapping[str, Any]) -> str:
     """What each task wants and keeps alone, the static weights that were found, and what contexts need."""
-    tuned = {gated: frozen.get("tuned", {}).get(gated, {}).get("weights", {}) for gated in ("ungated", "gated")}
+    searches = ("ungated", "gated", "ungated-at-1.26")
+    tuned = {name: frozen.get("tuned", {}).get(name, {}).get("weights", {}) for name in searches}
     rows = [
         [
             task,
@@ -34,7 +35,7 @@ def calibrated(frozen: Mapping[str, Any]) -> str:
         ]
         for task, cores in frozen["wanted"].items()
     ]
-    head = ["task", "processors wanted", "deadline", "kept alone", "static weight", "static weight, gated"]
+    head = ["task", "processors wanted", "deadline", "kept alone", "static weight", "gated", "at lighter loads"]
     needs = ", ".join(f"{context} {short(cores)}" for context, cores in frozen["needs"].items())
     return f"{table(head, rows)}\nProcessors that critical and protected tasks want together, by context: {needs}.\n"
 

@@ -56,7 +56,7 @@ class Earlier:
     def __init__(self, runs: Iterable[Run] = ()) -> None:
         self._speeds: dict[Kind, deque[float]] = defaultdict(lambda: deque(maxlen=LATEST))
         self._first: dict[str, Run] = {}
-        self._works: dict[tuple[str, str, bool], list[float]] = defaultdict(list)
+        self._works: dict[tuple[str, str, bool, bool], list[float]] = defaultdict(list)
         for run in sorted(runs, key=lambda run: str(run.record.about["date"])):
             self.add(run)
 
@@ -98,9 +98,10 @@ class Earlier:
         return found["all tasks"].value if found else None
 
 
-def _alike(record: Record) -> tuple[str, str, bool]:
-    """Of which runs the work for the same inputs should be about the same."""
-    return record.load, record.story, _limited(record.configuration)
+def _alike(record: Record) -> tuple[str, str, bool, bool]:
+    """Of which runs the work for the same inputs should be about the same: modules that adapt do less when late."""
+    adaptive = CONFIGURATIONS[record.configuration].adaptive
+    return record.load, record.story, _limited(record.configuration), adaptive
 
 
 def _limited(configuration: str) -> bool:

@@ -86,12 +86,11 @@ class Evidence:
     def pairs(
         self, load: str, configuration: str, against: str, stories: Sequence[Story] = HELD_OUT
     ) -> Iterator[tuple[int, Pair]]:
-        """Each run beside the other configuration's in the same block; runs of each task alone have few blocks."""
+        """Each run beside the other configuration's in the same block; beside all of each task alone, which are few."""
         for story in (one.name for one in stories):
             bases = self.runs.get((load, story, against), {})
             for block, record in sorted(self.runs.get((load, story, configuration), {}).items()):
-                number = sorted(bases)[block % len(bases)] if against == ALONE.name and bases else block
-                if number in bases:
+                for number in bases if against == ALONE.name else {block} & bases.keys():
                     yield block, Pair(self.schedules[story], record, bases[number])
 
 

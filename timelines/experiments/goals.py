@@ -59,7 +59,7 @@ GOALS: Sequence[Goal] = (
         offset=-2 * POINT,
     ),
     Goal(
-        "no critical or protected task is more than 2 points less accurate than alone",
+        "no critical or protected task that is judged is more than 2 points less accurate than alone",
         *(HEAVY, WEIGHTS_GATED.name, ALONE.name, "accuracy"),
         offset=-2 * POINT,
     ),
@@ -95,8 +95,8 @@ GOALS: Sequence[Goal] = (
         offset=-POINT,
     ),
     Goal(
-        "first law: nobody's p99 is longer by more than 20 % and 5 ms",
-        *(LIGHT, WEIGHTS_GATED.name, LINUX.name, "p99"),
+        "first law: nobody's p99 (p90 of fewer than 100 inputs) is longer by more than 20 % and 5 ms",
+        *(LIGHT, WEIGHTS_GATED.name, LINUX.name, "tail"),
         factor=1.2,
         offset=0.005,
         at_least=False,

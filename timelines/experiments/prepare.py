@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.streams.timeline import load
 from timelines.experiments import calibration, installation
-from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, UNSLOWED, Trial, seconds_left
+from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, PLAN, SWEEP, UNSLOWED, Trial, seconds_left
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import ALONE, STATIC, STATIC_GATED
 from timelines.experiments.evidence import ENDING, PREPARED, SEARCH, SEARCHES, write_schedule
@@ -46,6 +46,12 @@ UNCALIBRATED: Mapping[str, Capacity] = {
     PAPERS_LOAD: Capacity(1, 0.5),
 }
 """What the tasks share where nothing was calibrated: for a quick look only."""
+
+
+LIGHTER = "ungated-at-1.26"
+"""An earlier search of static weights: what is best where tasks want more is not best where they want less."""
+LIGHTER_LOADS = (LIGHT, *SWEEP[:2])
+"""Those that its weights are played under."""
 
 
 class OutOfTimeError(Exception):
@@ -185,11 +191,13 @@ def settings(frozen: Frozen) -> dict[str, Setting]:
     return {name: Setting(capacity, frozen.get("deadlines") or own_deadlines()) for name, capacity in loads.items()}
 
 
-def tuned_weights(frozen: Frozen) -> dict[bool, Weights]:
-    """The searched weights without and with gating; those by priority where nothing was searched."""
+def tuned_weights(frozen: Frozen) -> dict[str, dict[bool, Weights]]:
+    """The searched weights of each load, without and with gating; those by priority where nothing was searched."""
     by_priority = candidates(priorities(), {}, {})[1]
-    found = frozen.get("tuned", {})
-    return {gated: found.get(name(gated=gated), {}).get("weights", by_priority) for gated in (False, True)}
+    own = {what: found["weights"] for what, found in frozen.get("tuned", {}).items()}
+    heavy = {gated: own.get(name(gated=gated), by_priority) for gated in (False, True)}
+    lighter = heavy | ({False: own[LIGHTER]} if LIGHTER in own else {})
+    return {part.load: lighter if part.load in LIGHTER_LOADS else heavy for part in PLAN}
 
 
 def name(*, gated: bool) -> str:

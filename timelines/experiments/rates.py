@@ -73,18 +73,23 @@ def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] |
 
 
 def used(runs: Sequence[Run], containers: Iterable[str]) -> float:
-    """Cores that containers used, the median over runs: one in which queues take long to empty lasts longer."""
+    """Cores that containers used while inputs came, the median over runs."""
     names = list(containers)
-    return median(math.fsum(run.record.about["cpu"].get(name, 0.0) for name in names) / _lasted(run) for run in runs)
+    return median(math.fsum(_cores(run, name) for name in names) for run in runs)
+
+
+def _cores(run: Run, container: str) -> float:
+    """While inputs came: how long its queues take to empty afterwards differs among configurations."""
+    spent = run.record.used.get(container, ())[: math.floor(run.schedule.duration) + 1]
+    return spent[-1] / 1000 / (len(spent) - 1) if len(spent) > 1 else 0.0
 
 
 def used_by_all_else(runs: Sequence[Run]) -> float:
-    """Cores that Kubernetes used, what plays and records, and strangers; not what slows the processors."""
-    return median(_else(run.record.about["cpu"]) / _lasted(run) for run in runs)
+    """Cores that Kubernetes used, what plays and records, and strangers, until all queues were empty.
 
-
-def _lasted(run: Run) -> float:
-    return float(run.record.about["seconds"])
+    Not what slows the processors.
+    """
+    return median(_else(run.record.about["cpu"]) / float(run.record.about["seconds"]) for run in runs)
 
 
 def _else(spent: Mapping[str, float]) -> float:

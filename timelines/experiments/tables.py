@@ -152,7 +152,7 @@ def absences(evidence: Evidence) -> str:
 
 
 def alone(evidence: Evidence) -> str:
-    """How often each task was run alone, and that these runs serve all blocks. Empty without any."""
+    """How often each task was run alone, and how blocks are compared with that. Empty without any."""
     counts = {
         len(runs) for (load, _, name), runs in evidence.runs.items() if name == ALONE.name and load != PAPERS_LOAD
     }
@@ -160,8 +160,8 @@ def alone(evidence: Evidence) -> str:
         return ""
     times = " or ".join(str(one) for one in sorted(counts))
     return (
-        f"Runs of each task alone by story and load: {times}. They serve all blocks in turn, since nothing"
-        " contends with them; p does not have their own spread.\n"
+        f"Runs of each task alone by story and load: {times}. In each case every block is compared with the one of"
+        " them that asks most.\n"
     )
 
 

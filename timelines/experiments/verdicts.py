@@ -70,17 +70,27 @@ def _enough(cases: Sequence[Judged], goals: Sequence[Goal]) -> bool:
 
 
 def judged(evidence: Evidence, goal: Goal) -> list[Judged]:
-    """Each case of a goal. The block is the unit: its stories count by what is due in them."""
-    found: dict[str, dict[int, list[Case]]] = {}
+    """Each case of a goal. The block is the unit: its stories count by what is due in them.
+
+    Where a run is compared with several, the comparison counts that it does worst in: a single bad run of a task alone
+    must not lower what is asked of all blocks.
+    """
+    found: dict[str, dict[int, dict[str, Case]]] = {}
     for block, pair in evidence.pairs(goal.load, goal.configuration, goal.against):
         for name, case in METRICS[goal.metric](pair).items():
-            found.setdefault(name, {}).setdefault(block, []).append(case)
+            own = found.setdefault(name, {}).setdefault(block, {})
+            own[pair.record.story] = min(own.get(pair.record.story, case), case, key=lambda one: _gain(goal, one))
     return [_judged(goal, name, blocks) for name, blocks in found.items()]
 
 
-def _judged(goal: Goal, name: str, blocks: Mapping[int, Sequence[Case]]) -> Judged:
-    gains = [_mean([goal.gain(case.value, case.base) for case in cases], cases) for cases in blocks.values()]
-    every = [case for cases in blocks.values() for case in cases]
+def _gain(goal: Goal, case: Case) -> float:
+    return goal.gain(case.value, case.base)
+
+
+def _judged(goal: Goal, name: str, blocks: Mapping[int, Mapping[str, Case]]) -> Judged:
+    stories = [list(cases.values()) for cases in blocks.values()]
+    gains = [_mean([_gain(goal, case) for case in cases], cases) for cases in stories]
+    every = [case for cases in stories for case in cases]
     value, base = (_mean([case[place] for case in every], every) for place in (0, 1))
     return Judged(name, value, base, bootstrap(gains), sign_flip(gains))
 

@@ -18,7 +18,7 @@ from timelines.experiments.earlier import Earlier, Kind
 from timelines.experiments.evidence import ENDING, Evidence
 from timelines.experiments.metrics import Run
 from timelines.experiments.raw_data import PROFILES, RUN, read_run
-from timelines.experiments.record import Record, packed, unpacked, write_whole
+from timelines.experiments.record import Record, RecordError, packed, unpacked, write_whole
 from timelines.experiments.run import Conditions, execute
 from timelines.experiments.schedules import fingerprint, schedule
 from timelines.experiments.stories import Use
@@ -80,7 +80,7 @@ class Workbench:
         self.took: dict[str, tuple[float, float]] = {}
         self._installed: tuple[bool, bool, float | None] | None = None  # nothing is
         self._schedules: dict[str, Schedule] = {}
-        self._code = code_version(deploy.REPOSITORY)  # now, since what is edited later is not what runs
+        self._code = code_version(deploy.REPOSITORY)
 
     def has(self, place: str, trial: Trial) -> bool:
         """Whether a run is finished."""
@@ -126,6 +126,8 @@ class Workbench:
             timeline, self.folders.datasets, setting.capacity, self.whole, expected, weights, self._code
         )
         found, failures = self._tried(place, trial, conditions, due)
+        if code_version(deploy.REPOSITORY) != self._code:
+            raise RecordError(f"{trial}: the code is not {self._code} any more: change nothing, and run it again")
         self._earlier.add(Run(due, found))
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))

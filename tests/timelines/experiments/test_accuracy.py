@@ -46,6 +46,23 @@ def judge(tmp_path):
     return judged
 
 
+def test_an_arm_that_follows_is_judged_by_how_far_it_is_from_where_it_should_be(tmp_path):
+    """When the next place comes; the last of an occasion has none."""
+    orders = [
+        {"key": "robot/arm/order", "encoding": "json", "at": at, "value": {"move": [x, 0.0, 50.0]},
+         "truth": {"follows": True}} for at, x in ((1.0, 100), (1.25, 104), (1.5, 108), (9.0, 100))
+    ]  # fmt: skip
+    story = parse({"name": "follow", "duration": 20.0, "phases": PHASES, "inputs": orders})
+    run = RunData(BEGIN)
+    run.results["robot/arm/state"] = [
+        Result(BEGIN + at, BEGIN + at, {"position": [x, 0.0, 50.0]}) for at, x in ((1.2, 100), (1.6, 108))
+    ]
+    windows = [Window(0, 8, ("grip",), frozenset()), Window(8, 20, ("drive",), frozenset())]
+    found = Judge(story, Schedule(20.0, {}, {"arm": {}}, {}, windows), tmp_path).accuracy(run)["grip: arm"]
+    assert found.value == pytest.approx(0.002)
+    assert (found.unit, found.count) == ("m", 2)
+
+
 def test_a_task_that_is_played_by_itself_is_judged_from_its_own_begin(tmp_path):
     """As where each task is alone: the microphone is played when the cameras have ended."""
     story = parse({"name": "walk", "duration": 20.0, "phases": PHASES, "inputs": INPUTS})

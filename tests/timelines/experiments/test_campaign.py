@@ -17,7 +17,7 @@ from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
 from timelines.experiments import alone as exclusive
 from timelines.experiments import campaign, installation, prepare
-from timelines.experiments.blocks import HEAVY, START, trials
+from timelines.experiments.blocks import HEAVY, LIGHT, START, trials
 from timelines.experiments.calibration import demand
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
@@ -25,7 +25,7 @@ from timelines.experiments.configurations import LINUX, WEIGHTS
 from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
 from timelines.experiments.machine import ENOUGH
 from timelines.experiments.metrics import Run
-from timelines.experiments.prepare import OutOfTimeError, Preparation, settings
+from timelines.experiments.prepare import OutOfTimeError, Preparation, settings, tuned_weights
 from timelines.experiments.record import RecordError, block, packed, records
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.workbench import Folders, Setting, Workbench
@@ -75,7 +75,9 @@ class Lines:
 
 def run(bench, *, until=lambda _: True, chosen=CHOSEN):
     lines = Lines()
-    made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {False: {"slam": 2}, True: {"slam": 3}}, lines)
+    made = Campaign(
+        bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {HEAVY: {False: {"slam": 2}, True: {"slam": 3}}}, lines
+    )
     return made.run(chosen, until=until, commit=False), lines.said
 
 
@@ -220,6 +222,24 @@ def test_attempts_that_do_not_count_are_kept_with_their_block(monkeypatch, tmp_p
     (tmp_path / "data" / "blocks" / "2-heavy-01.json.xz").unlink()
     run(Bench(tmp_path))  # of which the recordings are gone
     assert Evidence.read(tmp_path / "data").rejected == [attempt]
+
+
+def test_attempts_at_what_is_given_up_are_kept_too(monkeypatch, tmp_path):
+    """Ten attempts that do not count are why it is given up: a reader has to be able to see them."""
+    attempt = replace(a_run("weights"), about={**ABOUT, "failures": ["the same inputs took 83% of other runs' work"]})
+    given = {WEIGHTS.name: [attempt]}
+    monkeypatch.setattr(Bench, "rejected", lambda _, __, trial: given.get(trial.configuration.name, []))
+    run(Bench(tmp_path, fails=WEIGHTS.name))
+    assert Evidence.read(tmp_path / "data").rejected == [attempt]
+
+
+def test_lighter_loads_have_static_weights_of_their_own():
+    """What was searched where tasks want more is known to be worse there than what was found before."""
+    assert tuned_weights({})[HEAVY] == tuned_weights({})[LIGHT]
+    found = {"ungated": {"slam": 1}, "gated": {"slam": 2}, "ungated-at-1.26": {"slam": 3}}
+    tuned = tuned_weights({"tuned": {name: {"weights": weights} for name, weights in found.items()}})
+    assert tuned[HEAVY] == tuned["1.6"] == {False: {"slam": 1}, True: {"slam": 2}}
+    assert tuned[LIGHT] == tuned["1.1"] == tuned["1.25"] == {False: {"slam": 3}, True: {"slam": 2}}
 
 
 def test_a_configuration_that_comes_later_joins_its_block(tmp_path):
@@ -496,7 +516,7 @@ def test_only_the_data_is_committed_and_nothing_where_nothing_changed(monkeypatc
 
 def test_runs_go_on_where_git_refuses_to_commit(tmp_path):
     bench, lines = Bench(tmp_path), Lines()
-    made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {False: {}, True: {}}, lines)
+    made = Campaign(bench, {HEAVY: Setting(Capacity(1, 0.4), {})}, {HEAVY: {False: {}, True: {}}}, lines)
     assert made.run(CHOSEN, until=lambda _: True, commit=True) == 0  # the folder is outside of the repository
     assert len(bench.done) == len(CHOSEN)
     assert any(line.startswith("git ") and " add -- " in line for line in lines.said)

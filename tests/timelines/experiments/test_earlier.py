@@ -96,6 +96,15 @@ def test_under_limits_work_is_compared_with_that_under_limits():
     assert list(earlier.reasons(run("static", cpu=0.0205))) != []
 
 
+def test_modules_that_adapt_do_less_when_they_are_late_and_are_compared_with_such():
+    earlier = earlier_of_usual_work()
+    assert list(earlier.reasons(run("weights-adaptive", cpu=0.015))) == []
+    for _ in range(FEW):
+        earlier.add(run("linux-adaptive", cpu=0.015))
+    assert list(earlier.reasons(run("weights-adaptive", cpu=0.02))) != []
+    assert list(earlier.reasons(run("static", cpu=0.025))) == []
+
+
 def test_a_task_alone_takes_less_work_and_is_no_reason():
     earlier = earlier_of_usual_work()
     assert list(earlier.reasons(run("alone", cpu=0.015))) == []

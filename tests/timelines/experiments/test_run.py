@@ -27,6 +27,7 @@ from timelines.experiments.configurations import ALONE, LINUX, REALTIME, STATIC,
 from timelines.experiments.cpu_account import SLOWING
 from timelines.experiments.due import Schedule, Window
 from timelines.experiments.raw_data import RUN, read_run
+from timelines.experiments.record import RecordError
 from timelines.experiments.run import Conditions, TimelineSource, execute
 from timelines.experiments.slowed import Pace, SlowedError
 from timelines.experiments.stories import HELD_OUT
@@ -220,6 +221,17 @@ def test_an_attempt_that_does_not_count_is_kept_and_repeated(monkeypatch, tmp_pa
     (kept,) = workbench.Workbench(workbench.Folders(*[tmp_path] * 4)).rejected("2-heavy-01", TRIAL)
     assert kept.late == late.late
     assert kept.about["failures"] == ["100 % of the inputs were published more than 0.2 s late: expected at most 1 %"]
+
+
+def test_a_run_does_not_count_where_the_code_changed_meanwhile(monkeypatch, tmp_path):
+    """Policies, charts and what slows the processors are read anew for each run."""
+    versions = iter(("1a2b3c4", "1a2b3c4 and changes"))
+    node = Flaky(monkeypatch)
+    monkeypatch.setattr(workbench, "code_version", lambda _: next(versions))
+    with pytest.raises(RecordError, match=r"the code is not 1a2b3c4 any more: change nothing, and run it again"):
+        play(tmp_path)
+    assert node.runs == 1
+    assert not list(tmp_path.rglob("*.xz"))
 
 
 def test_a_run_is_expected_to_be_as_fast_as_the_one_before(monkeypatch, tmp_path):
