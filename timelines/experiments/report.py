@@ -52,7 +52,8 @@ THREATS = """\
   comes from few runs; the one that asks most counts as known.
 - An input's CPU is what its process takes meanwhile. Latencies to the wheels are of commands that came.
 - Navigation's accuracy is not judged. Linux default is what the chart requests, 10m a task; static weights were
-  searched with it, and of those for lighter loads on two stories. A VPA decides once a minute. SCHED_RR and pinning were not run.
+  searched with it, those for lighter loads on two stories only. A VPA decides once a minute. SCHED_RR and pinning were
+  not run.
 """
 RIVALRY = """\
 Each point is one set of weights that the search for static ones tried, on its first story, once. A set that keeps both
