@@ -51,10 +51,10 @@ def percent(found: Interval | None) -> str:
     return mean if low == high else f"{mean} [{low}, {high}]"
 
 
-def runs_of(evidence: Evidence, load: str) -> dict[str, list[Run]]:
-    """The runs of a load's stories by configuration, in their order: those held out, or the paper's."""
+def runs_of(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) -> dict[str, list[Run]]:
+    """The runs of a load's stories by configuration, in the order of `names`: those held out, or the paper's."""
     stories = PAPER if load in (PAPERS_LOAD, UNSLOWED) else HELD_OUT
-    found = {name: [run for story in stories for run in evidence.of(load, story.name, name)] for name in CONFIGURATIONS}
+    found = {name: [run for story in stories for run in evidence.of(load, story.name, name)] for name in names}
     return {name: runs for name, runs in found.items() if runs}
 
 
@@ -115,9 +115,9 @@ def all_runs(evidence: Evidence) -> list[Record]:
     return [record for blocks in evidence.runs.values() for record in blocks.values()]
 
 
-def costs(evidence: Evidence, load: str) -> str:
+def costs(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) -> str:
     """What was done in time of all that came, in percent, and how right it was: what each division costs whom."""
-    found = runs_of(evidence, load)
+    found = runs_of(evidence, load, names)
     compared = [run for runs in found.values() for run in runs]
     sharing = [task for task in CONTENDING if any(task in run.schedule.inputs for run in compared)]
     judged = {task: what for task, what in JUDGED.items() if any(task in run.record.accuracy for run in compared)}
@@ -178,10 +178,10 @@ def _cpu(name: str, runs: Sequence[Run]) -> list[str]:
     return [f"{value:.2f} cores" for value in cores]
 
 
-def chains(evidence: Evidence, load: str) -> str:
+def chains(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) -> str:
     """From the camera, and from a spoken "stop", to the wheels."""
     rows = []
-    for name, runs in runs_of(evidence, load).items():
+    for name, runs in runs_of(evidence, load, names).items():
         if name == ALONE.name:
             continue  # nobody hears the mission there
         part, middle, most = rates.commands(runs, "drive")
