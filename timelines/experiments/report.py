@@ -40,7 +40,7 @@ is of an exact sign-flip test over blocks, by Holm's correction for all goals, w
 SHOWN = [one.name for one in (*DIVISIONS, WEIGHTS_GATED)]
 """What the report compares throughout; details.md has all configurations."""
 COSTS = """\
-What was done in time of **all** that came, wanted by a context or not, and the signs that were read right in the end:
+What was done in time of **all** that came, wanted by a context or not:
 """
 THREATS = """\
 - **Four earlier attempts** with other held-out stories are left out: goals were missed and the design was changed, and
@@ -142,8 +142,6 @@ def _machine(evidence: Evidence) -> str:
     words.append(
         f"Asked of the processors, and how many there are with which part of a whole one: {'; '.join(shared)}."
     )
-    alone = ", ".join(f"{task} {100 * value:.1f} %" for task, value in evidence.frozen["solo"].items())
-    words.append(f"Hit rates of each task alone when deadlines were frozen: {alone}.")
     return " ".join(words) + "\n"
 
 
