@@ -20,11 +20,11 @@ from robotkit.euroc import DatasetError
 from timelines.datasets.recordings import ROOT
 from timelines.demo import deploy
 from timelines.experiments import installation
-from timelines.experiments.alone import alone
 from timelines.experiments.blocks import PLAN, trials
 from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
+from timelines.experiments.exclusive import exclusively
 from timelines.experiments.prepare import OutOfTimeError, Preparation, name, settings, tuned_weights
 from timelines.experiments.record import RecordError
 from timelines.experiments.report import write_report
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folders = Folders(
         raw, options.data or (raw / "data" if quick else DATA), options.datasets, options.out / "timelines"
     )
-    ran = options.report_only or _succeeds(lambda: _run_alone(options, folders, quick=quick))
+    ran = options.report_only or _succeeds(lambda: _run_exclusively(options, folders, quick=quick))
     reported = _succeeds(lambda: _report(folders.data, options.report or raw))
     return 0 if ran and reported else 1
 
@@ -73,8 +73,8 @@ def _report(data: Path, out: Path) -> bool:
     return True
 
 
-def _run_alone(options: argparse.Namespace, folders: Folders, *, quick: bool) -> bool:
-    with alone():
+def _run_exclusively(options: argparse.Namespace, folders: Folders, *, quick: bool) -> bool:
+    with exclusively():
         return _run(options, Workbench(folders), quick=quick)
 
 

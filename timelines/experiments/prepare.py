@@ -49,7 +49,8 @@ UNCALIBRATED: Mapping[str, Capacity] = {
 
 
 LIGHTER = "ungated-at-1.26"
-"""An earlier search of static weights: what is best where tasks want more is not best where they want less."""
+"""An earlier search of static weights: what is best where tasks want more is not best where they want less. It is not
+repeated: where its result is not frozen, lighter loads have the weights of the heavy one."""
 LIGHTER_LOADS = (LIGHT, *SWEEP[:2])
 """Those that its weights are played under."""
 

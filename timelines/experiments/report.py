@@ -60,7 +60,8 @@ THREATS = """\
 - The kubelet, the API server and the operator may run beside the tasks' processor: what control costs is then not in
   the hit rates. No context lasts the 30 s after which the API follows.
 - Ten blocks may have nothing of what fails in one of ten; intervals of few are narrower than 95 %. Each task alone
-  comes from few runs; the one that asks most counts as known.
+  comes from few runs; the one that asks most counts as known. [Goals were
+  changed](../../docs/measurements/paper-experiments.md#how-it-is-measured) after the first block.
 - An input's CPU is what its process takes meanwhile. Latencies to the wheels are of commands that came.
 - Navigation's accuracy is not judged. Linux default is what the chart requests, 10m a task; static weights were
   searched with it, those for lighter loads on two stories only. A VPA decides once a minute. SCHED_RR and pinning were

@@ -127,6 +127,7 @@ class Workbench:
         )
         found, failures = self._tried(place, trial, conditions, due)
         if code_version(deploy.REPOSITORY) != self._code:
+            (self._folder(place, trial) / RUN).unlink(missing_ok=True)  # it is played again, and not only read
             raise RecordError(f"{trial}: the code is not {self._code} any more: change nothing, and run it again")
         self._earlier.add(Run(due, found))
         kept = replace(found, about={**found.about, "failures": failures})

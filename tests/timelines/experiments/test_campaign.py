@@ -15,17 +15,17 @@ from tests.timelines.experiments.made_up import ABOUT, MEASURED, SCHEDULE, a_run
 from timelines.demo import deploy
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
-from timelines.experiments import alone as exclusive
-from timelines.experiments import campaign, installation, prepare
+from timelines.experiments import campaign, exclusive, installation, prepare
 from timelines.experiments.blocks import HEAVY, LIGHT, START, trials
 from timelines.experiments.calibration import demand
 from timelines.experiments.campaign import Campaign
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import LINUX, WEIGHTS
-from timelines.experiments.evidence import Evidence, note_absent, read_frozen, write_frozen, write_schedule
+from timelines.experiments.evidence import Evidence, note_absent, read_frozen, read_search, write_frozen, write_schedule
+from timelines.experiments.halving import score
 from timelines.experiments.machine import ENOUGH
 from timelines.experiments.metrics import Run
-from timelines.experiments.prepare import OutOfTimeError, Preparation, settings, tuned_weights
+from timelines.experiments.prepare import LIGHTER, OutOfTimeError, Preparation, settings, tuned_weights
 from timelines.experiments.record import RecordError, block, packed, records
 from timelines.experiments.stories import HELD_OUT
 from timelines.experiments.workbench import Folders, Setting, Workbench
@@ -240,6 +240,15 @@ def test_lighter_loads_have_static_weights_of_their_own():
     tuned = tuned_weights({"tuned": {name: {"weights": weights} for name, weights in found.items()}})
     assert tuned[HEAVY] == tuned["1.6"] == {False: {"slam": 1}, True: {"slam": 2}}
     assert tuned[LIGHT] == tuned["1.1"] == tuned["1.25"] == {False: {"slam": 3}, True: {"slam": 2}}
+
+
+def test_static_weights_at_lighter_loads_are_the_best_of_their_search():
+    """Computed again from its committed runs."""
+    tried: dict[tuple[tuple[str, int], ...], list[Run]] = {}
+    for one in read_search(command.DATA, LIGHTER):
+        tried.setdefault(tuple(sorted(one.record.about["weights"].items())), []).append(one)
+    best = max(tried, key=lambda weights: (len(tried[weights]), score(tried[weights])))
+    assert dict(best) == read_frozen(command.DATA)["tuned"][LIGHTER]["weights"]
 
 
 def test_a_configuration_that_comes_later_joins_its_block(tmp_path):
@@ -477,7 +486,7 @@ def test_a_report_is_published_only_where_somebody_asks_for_it(monkeypatch, tmp_
 
 def test_two_calls_on_one_machine_do_not_take_each_others_processors(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(command, "_run", lambda *_, **__: pytest.fail("it ran"))
-    with exclusive.alone():
+    with exclusive.exclusively():
         assert command.main(["--data", str(tmp_path)]) == 1
     assert "other experiments run on this machine" in capsys.readouterr().out
     monkeypatch.setattr(command, "_run", lambda *_, **__: True)

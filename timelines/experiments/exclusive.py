@@ -18,7 +18,7 @@ LOCK = Path(tempfile.gettempdir()) / "contextpolicy-experiments.lock"
 
 
 @contextmanager
-def alone() -> Iterator[None]:
+def exclusively() -> Iterator[None]:
     """Keep other calls off this machine while the block runs; DeployError if there is one already."""
     with LOCK.open("w") as file:
         try:
