@@ -56,6 +56,6 @@ def test_what_contexts_gain_and_cost(row, page, heavy, costs, chains):
         *(f"{own[column]} %" for column in ("drive: slam", "read: signs")),
         wheels["frames that led to a wheel command"],
         *(f"{all_[column]} %" for column in ("slam", "signs", "signs read, %")),
-        own["CPU of the tasks"],
+        own["cores used by the tasks"],
     ]
     assert f"| {row} | {' | '.join(cells)} |" in page

@@ -107,7 +107,7 @@ def of_load(evidence: Evidence, load: str) -> str:
         rows.append([CONFIGURATIONS[name].title, _blocks(runs), *hits, *_cpu(name, runs)])
     width = len(head) + 3
     rows += [[CONFIGURATIONS[name].title, "not run", *[NONE] * (width - 2)] for name in _absent(evidence, load, found)]
-    return table([*head, "CPU of the tasks", "of the control", "of all else"], rows) if found else ""
+    return table([*head, "cores used by the tasks", "by the control", "by all else"], rows) if found else ""
 
 
 def all_runs(evidence: Evidence) -> list[Record]:
@@ -175,7 +175,7 @@ def _cpu(name: str, runs: Sequence[Run]) -> list[str]:
         return [NONE] * 3
     tasks = runs[0].schedule.inputs
     cores = (rates.used(runs, tasks), rates.used(runs, rates.CONTROL), rates.used_by_all_else(runs))
-    return [f"{value:.2f} cores" for value in cores]
+    return [f"{value:.2f}" for value in cores]
 
 
 def chains(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) -> str:
