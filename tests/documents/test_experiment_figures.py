@@ -8,9 +8,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-REPORT, README, PAGE = (
+REPORT, DETAILS, README, PAGE, PREDICTION = (
     (ROOT / name).read_text(encoding="utf-8")
-    for name in ("timelines/results/report.md", "README.md", "docs/measurements/paper-experiments.md")
+    for name in (
+        "timelines/results/report.md",
+        "timelines/results/details.md",
+        "README.md",
+        "docs/measurements/paper-experiments.md",
+        "docs/measurements/prediction.md",
+    )
 )
 ROWS = ("Linux default", "static weights", "context weights", "context limits")
 """Rows of the README and of the page, as the report calls them."""
@@ -59,3 +65,9 @@ def test_what_contexts_gain_and_cost(row, page, heavy, costs, chains):
         own["cores used by the tasks"],
     ]
     assert f"| {row} | {' | '.join(cells)} |" in page
+
+
+def test_predictions_are_scored_as_in_the_details():
+    scores = [line for line in DETAILS.splitlines() if line.startswith(("| of all |", "| where over 5 % are missed"))]
+    assert len(scores) == 2
+    assert all(line in PREDICTION for line in scores)
