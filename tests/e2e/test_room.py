@@ -55,8 +55,9 @@ def fits(robot):
     due = round(left / (2 * MOST), 3)
 
     def factor():
-        now = robot.status()["nodes"][0]["requestFactor"]
-        return abs(now - due) <= 0.001 or (now, due)
+        status = robot.status()
+        now = status["nodes"][0].get("requestFactor")
+        return (now is not None and abs(now - due) <= 0.001) or f"{now}, not {due}; the status is {status}"
 
     until("the factor is what other pods leave", factor)
     for speed in islice(cycle([0.3, 0.0]), 6):
