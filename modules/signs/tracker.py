@@ -75,6 +75,16 @@ class Track:
         rank = {text: (vote.count, vote.confidence) for text, vote in self.votes.items()}
         return max(rank, key=rank.__getitem__, default="")
 
+    def known(self, stamp: int) -> str:
+        """What a text at its place must not contradict, empty when nothing: what was reported, or read long before.
+
+        Pictures that follow each other may be of a sign that is still read wrongly; a task that got no CPU for seconds
+        sees the next sign where the last one was.
+        """
+        if self.reported is not None:
+            return self.reported
+        return self.text if stamp - self.seen > LOST_NS else ""
+
     def sign(self) -> Sign:
         """The sign as it is reported."""
         vote = self.votes[self.text]
@@ -136,7 +146,7 @@ class Tracker:
             return
         reading = read(corners)
         number = reading.text if NUMBER.fullmatch(reading.text) else ""
-        track = self._of(number, reading.confidence, track) or self._begin()
+        track = self._of(number, reading.confidence, track, stamp) or self._begin()
         _place(track, corners, stamp)
         track.attempts += 1
         track.height = _height(corners)
@@ -149,9 +159,9 @@ class Tracker:
     def _is_unmoved(self, track: Track, corners: Array, stamp: int) -> bool:
         return _overlap(track.corners, corners) >= _SAME and stamp - track.seen <= LOST_NS
 
-    def _of(self, number: str, confidence: float, near: Track | None) -> Track | None:
+    def _of(self, number: str, confidence: float, near: Track | None, stamp: int) -> Track | None:
         """The track that a text belongs to: the one near it unless it is another sign, or one that has jumped."""
-        if near is not None and (near.reported in {None, number} or not number or confidence < SURE):
+        if near is not None and (near.known(stamp) in {"", number} or not number or confidence < SURE):
             return near
         jumped = (
             track for track in self._tracks if track.missed and track is not near and number and track.text == number

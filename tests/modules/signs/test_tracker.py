@@ -90,6 +90,20 @@ def test_another_sign_at_the_place_of_the_last_is_reported(passage):
     assert passage.see({130: reading("216")}, times=2) == [("216", pytest.approx(0.95))]
 
 
+def test_another_sign_long_after_one_that_was_read_once_is_no_reading_of_that_one(passage):
+    passage.see({100: reading("509")})
+    passage.see({}, after=5)
+    assert passage.see({100: reading("511")}, after=1) == [("509", pytest.approx(0.95))]
+    assert passage.see({100: reading("511")}, after=1) == [("511", pytest.approx(0.95))]
+
+
+def test_a_blurred_reading_of_the_same_sign_after_a_gap_does_not_make_two(passage):
+    passage.see({100: reading("509")})
+    assert passage.see({100: reading("599", 0.7)}, after=3) == []
+    assert passage.see({100: reading("509")}) == [("509", pytest.approx(0.95))]
+    assert passage.see({}, times=6) == []
+
+
 def test_two_signs_in_a_picture_are_both_reported(passage):
     assert passage.see({100: reading("12"), 300: reading("14")}, times=2) == [
         ("12", pytest.approx(0.95)),
