@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY
-from timelines.experiments.configurations import CONFIGURATIONS, LINUX
-from timelines.experiments.paired import bootstrap
+from timelines.experiments.configurations import CONFIGURATIONS, LINUX, requests
 from timelines.experiments.tables import NONE, all_runs, gain, percent, runs_of, short, table
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from timelines.experiments.evidence import Evidence
     from timelines.experiments.metrics import Run
+    from timelines.experiments.paired import Interval
     from timelines.experiments.record import Record
     from timelines.experiments.verdicts import Verdict
 
@@ -24,27 +25,31 @@ MISSES = 0.05
 """Tasks that keep their deadlines anyway are easily predicted: these miss more, as measured or under Linux default."""
 
 
-def calibrated(frozen: Mapping[str, Any]) -> str:
-    """What each task wants and keeps alone, the static weights that were found, and what contexts need."""
+def calibrated(frozen: Mapping[str, Any], cores: int) -> str:
+    """What each task wants and keeps alone, the static weights that were found, and what contexts need.
+
+    `cores` are the node's, of which pods request a part in proportion to their static weights.
+    """
     searches = ("ungated", "gated", "ungated-at-1.26")
     tuned = {name: frozen.get("tuned", {}).get(name, {}).get("weights", {}) for name in searches}
     rows = [
         [
             task,
-            short(cores),
+            short(wanted),
             f"{1000 * frozen['deadlines'][task]:.0f} ms",
             f"{100 * frozen['solo'][task]:.1f} %",
-            *(_weight(weights, task) for weights in tuned.values()),
+            *(_weight(weights, task, cores) for weights in tuned.values()),
         ]
-        for task, cores in frozen["wanted"].items()
+        for task, wanted in frozen["wanted"].items()
     ]
     head = ["task", "processors wanted", "deadline", "kept alone", "static weight", "gated", "at lighter loads"]
-    needs = ", ".join(f"{context} {short(cores)}" for context, cores in frozen["needs"].items())
+    needs = ", ".join(f"{context} {short(needed)}" for context, needed in frozen["needs"].items())
     return f"{table(head, rows)}\nProcessors that critical and protected tasks want together, by context: {needs}.\n"
 
 
-def _weight(weights: Mapping[str, int], task: str) -> str:
-    return f"{weights[task]} ({100 * weights[task] / sum(weights.values()):.0f} %)" if task in weights else NONE
+def _weight(weights: Mapping[str, int], task: str, cores: int) -> str:
+    """The weight that was found, and the request that it became: none is less than a pod's least."""
+    return f"{weights[task]} ({requests(weights, cores)[task]})" if task in weights else NONE
 
 
 def endings(evidence: Evidence, load: str) -> str:
@@ -72,15 +77,20 @@ def onsets(evidence: Evidence, load: str) -> str:
 
 
 def accuracies(evidence: Evidence, load: str) -> str:
-    """How right each task was: the mean over blocks."""
+    """How right each task was, and of how many of SLAM's frames that are wanted it trusts the pose: over blocks."""
     rows = []
     for name, runs in runs_of(evidence, load).items():
         for task, (measure, unit) in _judged(runs).items():
-            values = [one.record.accuracy[task][1] for one in runs if task in one.record.accuracy]
-            interval = bootstrap(values)
-            around = f"{short(interval.mean)} [{short(interval.low)}, {short(interval.high)}]"
-            rows.append([f"{task}: {measure}", CONFIGURATIONS[name].title, f"{around} {unit}", str(len(values))])
+            interval, count = rates.right(runs, task), sum(task in one.record.accuracy for one in runs)
+            rows.append([f"{task}: {measure}", CONFIGURATIONS[name].title, f"{_around(interval)} {unit}", str(count)])
+        if poses := rates.covered(runs, "slam"):
+            cell = f"{percent(poses)} %"
+            rows.append(["slam: poses that it trusts", CONFIGURATIONS[name].title, cell, str(len(runs))])
     return table(["", "", "mean", "runs"], sorted(rows, key=lambda row: row[0]))
+
+
+def _around(found: Interval | None) -> str:
+    return f"{short(found.mean)} [{short(found.low)}, {short(found.high)}]" if found else NONE
 
 
 def _judged(runs: Sequence[Run]) -> Mapping[str, tuple[str, str]]:
@@ -121,7 +131,7 @@ def _counted_on(record: Record) -> float:
 
 def predictions(evidence: Evidence) -> str:
     """Misses as predicted before the runs, as measured, and as under Linux default; then how far off each answer is."""
-    rows, every, missing = [], [], []
+    rows, every, missing = [], [], defaultdict(list)
     for story, configurations in evidence.frozen.get("predicted", {}).get("misses", {}).items():
         plain = evidence.of(HEAVY, story, LINUX.name)
         for name, tasks in configurations.items():
@@ -131,13 +141,17 @@ def predictions(evidence: Evidence) -> str:
                 points = [100 * abs(answer - missed) for answer in (predicted, 0.0, before)]
                 every.append(points)
                 if max(missed, before) > MISSES:
-                    missing.append(points)
+                    missing[name].append(points)
                 values = (f"{100 * one:.1f}" for one in (predicted, missed, before))
                 rows.append([story, CONFIGURATIONS[name].title, task, *values])
     if not rows:
         return ""
     head = ["story", "", "task", "misses predicted, %", "measured", "under Linux default"]
-    means = [["of all", *_means(every)], [f"where over {100 * MISSES:g} % are missed, here or there", *_means(missing)]]
+    means = [["of all", *_means(every)]]
+    means += [
+        [f"{CONFIGURATIONS[name].title}, where over {100 * MISSES:g} % are missed, here or there", *_means(points)]
+        for name, points in missing.items()
+    ]
     score = table(["points off on average", "the prediction", "always 0 %", "as under Linux default"], means)
     return f"{table(head, rows)}\n{score}"
 

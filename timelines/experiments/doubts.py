@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from dataclasses import replace
 from statistics import fmean
 from typing import TYPE_CHECKING
 
@@ -79,6 +80,16 @@ def _mixed(every: Iterable[Record]) -> Iterator[str]:
 
 def _name(one: Record) -> str:
     return f"{one.story}, {one.load} load, {CONFIGURATIONS[one.configuration].title}, block {one.block + 1}"
+
+
+def as_first_played(evidence: Evidence) -> Evidence:
+    """As if each run's first attempt that was recorded had counted, whatever was wrong with it."""
+    runs = {cell: dict(own) for cell, own in evidence.runs.items()}
+    for one in sorted(evidence.rejected, key=lambda one: str(one.about["date"]), reverse=True):
+        own = runs.get((one.load, one.story, one.configuration), {})
+        if one.block in own:
+            own[one.block] = one
+    return replace(evidence, runs=runs)
 
 
 def rejected(evidence: Evidence) -> str:

@@ -1,4 +1,4 @@
-"""What has to be reached. Declared before the runs, and not changed for them. Pure.
+"""What has to be reached. Declared before the runs; what was changed after the first block, the page says. Pure.
 
 Each goal compares a configuration with another one of the same block, case by case: a context's critical task, or a
 task. It holds if it holds in every case (an intersection-union test: the least sure case decides, and needs no

@@ -72,10 +72,42 @@ def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] |
     return (fmean(early for early, _ in pairs), fmean(later for _, later in pairs)) if pairs else None
 
 
+def right(runs: Sequence[Run], task: str) -> Interval | None:
+    """How right a task was, over blocks: what was judged in all stories of a block is one value. None without any."""
+    found: dict[int, list[tuple[float, float]]] = {}
+    for run in runs:
+        if task in run.record.accuracy:
+            _, value, unit, count, *_ = run.record.accuracy[task]
+            found.setdefault(run.record.block, []).append((value, count if unit == "%" else 1))
+    means = [fmean(values, counts) for values, counts in (zip(*own, strict=True) for own in found.values())]
+    return bootstrap(means) if means else None
+
+
+def covered(runs: Sequence[Run], task: str) -> Interval | None:
+    """The part of what is wanted of a task that came to something (see `Run.covered`), over blocks."""
+    found: dict[int, list[float]] = {}
+    for run in runs:
+        if task in run.schedule.inputs and run.tally(task).due:
+            found.setdefault(run.record.block, []).append(run.covered(task))
+    return bootstrap([fmean(own) for own in found.values()]) if found else None
+
+
 def used(runs: Sequence[Run], containers: Iterable[str]) -> float:
     """Cores that containers used while inputs came, the median over runs."""
     names = list(containers)
     return median(math.fsum(_cores(run, name) for name in names) for run in runs)
+
+
+def exhausted(runs: Sequence[Run], tasks: Iterable[str]) -> float:
+    """The part that the tasks used of the CPU that what slows the processors leaves them, the median over runs."""
+    names = list(tasks)
+    return median(math.fsum(_cores(run, name) for name in names) / _left(run) for run in runs)
+
+
+def _left(run: Run) -> float:
+    """Cores that the tasks could have had."""
+    processors, part = run.record.about["capacity"]
+    return float(processors * part * run.record.about["pace"]["left"]) / run.speed
 
 
 def _cores(run: Run, container: str) -> float:
@@ -111,7 +143,7 @@ def commands(runs: Sequence[Run], context: str) -> tuple[float, float | None, fl
 
 
 def stops(runs: Sequence[Run]) -> tuple[int, int, float | None]:
-    """How many "stop" were said, how many stopped the wheels, and the median of the seconds from its end until then."""
+    """How many "stop" were said, how many led to an order, and the median of the seconds from its end until then."""
     said = sum(len(run.schedule.stops) for run in runs)
     times = sorted(late / TENTHS for run in runs for _, late in run.record.stops)
     return said, len(times), times[len(times) // 2] if times else None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
@@ -28,8 +27,12 @@ if TYPE_CHECKING:
 NONE = "-"
 CONTENDING = ("slam", "signs", "signs-left", "speech", "arm")
 """The tasks that have to share."""
-JUDGED = {"signs": "signs read, %", "speech": "commands heard, %"}
-"""The tasks whose results are right or wrong, with their measure."""
+JUDGED = {
+    "read: signs": "signs read while reading, %",
+    "signs": "signs read, %",
+    "speech": "commands heard, %",
+}
+"""The tasks whose results are right or wrong, and one of them in its context, with their measure."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -96,7 +99,7 @@ def gain(found: Interval) -> str:
 
 
 def of_load(evidence: Evidence, load: str) -> str:
-    """A row for each configuration: hit rates in percent, and cores used. Empty without runs."""
+    """A row for each configuration: hit rates in percent, and CPU used. Empty without runs."""
     found = runs_of(evidence, load)
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
@@ -107,7 +110,9 @@ def of_load(evidence: Evidence, load: str) -> str:
         rows.append([CONFIGURATIONS[name].title, _blocks(runs), *hits, *_cpu(name, runs)])
     width = len(head) + 3
     rows += [[CONFIGURATIONS[name].title, "not run", *[NONE] * (width - 2)] for name in _absent(evidence, load, found)]
-    return table([*head, "cores used by the tasks", "by the control", "by all else"], rows) if found else ""
+    return (
+        table([*head, "of the tasks' CPU used, %", "cores used by the control", "by all else"], rows) if found else ""
+    )
 
 
 def all_runs(evidence: Evidence) -> list[Record]:
@@ -123,18 +128,19 @@ def costs(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) 
     judged = {task: what for task, what in JUDGED.items() if any(task in run.record.accuracy for run in compared)}
     rows = []
     for name, runs in found.items():
-        done = [_in_time(rates.endings(runs, task)) for task in sharing]
+        done = [in_time(rates.endings(runs, task)) for task in sharing]
         rows.append([CONFIGURATIONS[name].title, *done, *(_right(runs, task) for task in judged)])
     return table(["", *sharing, *judged.values()], rows) if rows else ""
 
 
-def _in_time(counts: Mapping[Ending, float]) -> str:
+def in_time(counts: Mapping[Ending, float]) -> str:
+    """The part that was done in time, in percent."""
     return f"{100 * counts[Ending.IN_TIME] / math.fsum(counts.values()):.1f}"
 
 
 def _right(runs: Sequence[Run], task: str) -> str:
-    values = [one.record.accuracy[task][1] for one in runs if task in one.record.accuracy]
-    return short(fmean(values)) if values else NONE
+    found = rates.right(runs, task)
+    return f"{found.mean:.1f}" if found else NONE
 
 
 def _absent(evidence: Evidence, load: str, found: Iterable[str]) -> list[str]:
@@ -173,9 +179,8 @@ def _cpu(name: str, runs: Sequence[Run]) -> list[str]:
     """Where each task is played by itself, a run is as many times as long: its CPU compares with nobody's."""
     if name == ALONE.name:
         return [NONE] * 3
-    tasks = runs[0].schedule.inputs
-    cores = (rates.used(runs, tasks), rates.used(runs, rates.CONTROL), rates.used_by_all_else(runs))
-    return [f"{value:.2f}" for value in cores]
+    others = (rates.used(runs, rates.CONTROL), rates.used_by_all_else(runs))
+    return [f"{100 * rates.exhausted(runs, runs[0].schedule.inputs):.0f}", *(f"{value:.2f}" for value in others)]
 
 
 def chains(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) -> str:
@@ -189,7 +194,7 @@ def chains(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS)
         times = [NONE if one is None else f"{1000 * one:.0f} ms" for one in (middle, most, stop)]
         rows.append([CONFIGURATIONS[name].title, f"{100 * part:.1f} %", *times[:2], f"{heard} of {said}", times[2]])
     head = ["", "frames that led to a wheel command", "camera to wheels, median", "99 %"]
-    return table([*head, "stops said that stopped the wheels", "median from the word's end"], rows) if rows else ""
+    return table([*head, "said stops that led to an order", "median from the word's end"], rows) if rows else ""
 
 
 def speedups(evidence: Evidence, against: Configuration = LINUX) -> Iterator[tuple[str, str, Interval]]:

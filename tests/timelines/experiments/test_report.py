@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imsave
 
-from tests.timelines.experiments.made_up import FROZEN, a_run, evidence, some_runs
+from tests.timelines.experiments.made_up import FROZEN, SCHEDULE, a_run, evidence, some_runs
 from timelines.experiments.__main__ import DATA
 from timelines.experiments.evidence import Absent, Evidence
 from timelines.experiments.report import write_report
@@ -34,7 +34,7 @@ def words(text):
 
 
 def test_the_claim_comes_first_and_fits_two_pages(text):
-    assert text.index("goals that are decided are met") < text.index("## Heavy load")
+    assert text.index("of 10 goals are met") < text.index("## Heavy load")
     assert words(text) < 1400
 
 
@@ -56,6 +56,30 @@ def test_of_too_few_blocks_it_does_not_say_that_none_reaches_a_goal(tmp_path):
         assert f"less 2 points (gated): {said}.\n" in text
 
 
+def test_what_is_gained_and_who_pays_come_before_the_goals(tmp_path):
+    schedule = replace(SCHEDULE, windows=[SCHEDULE.windows[0], SCHEDULE.windows[1]._replace(contexts=("read",))])
+    tasks = replace(schedule, inputs={**schedule.inputs, "signs": schedule.inputs["speech"]})
+    runs = [with_signs(a_run(name, slam=slam)) for name, slam in (("linux", "d" * 10), ("static", "i" * 10))]
+    found = evidence(*runs, with_signs(a_run("weights", slam="i" * 6 + "d" * 4)))
+    text = write_report(replace(found, schedules={"library": tasks}), tmp_path).read_text(encoding="utf-8")
+    assert "**context weights did 100.0 and 100.0 % of SLAM's frames" in text
+    assert "Linux default 0.0 and 100.0 %" in text
+    assert "of all frames and pictures context weights did 60.0 and 100.0 %, static weights 100.0 and 100.0 %" in text
+
+
+def with_signs(run):
+    return replace(run, columns={**run.columns, "signs": run.columns["speech"]}, plans=[])
+
+
+def test_where_attempts_do_not_count_the_details_show_what_the_first_ones_say(tmp_path):
+    attempt = replace(a_run("linux", slam="d" * 10), about={**a_run("linux").about, "failures": ["late"]})
+    found = evidence(a_run("linux"))
+    for rejected, shown in (([attempt], True), ([], False)):
+        write_report(replace(found, rejected=rejected), tmp_path)
+        details = (tmp_path / "details.md").read_text(encoding="utf-8")
+        assert ("## If each run's first attempt counted" in details) is shown
+
+
 def test_it_says_which_code_was_run(text, tmp_path):
     assert "Code: commit abc1234." in text
     other = a_run("weights")
@@ -71,7 +95,7 @@ def test_it_says_how_much_the_tasks_want_of_what_there_is_and_how_slow_it_was(te
 
 def test_the_details_have_what_was_calibrated(out):
     details = (out / "details.md").read_text(encoding="utf-8")
-    assert "| slam | 0.25 | 100 ms | 100.0 % | 120 (14 %) | 16 (50 %) |" in details
+    assert "| slam | 0.25 | 100 ms | 100.0 % | 120 (171m) | 16 (600m) |" in details
     assert "drive 0.31" in details
 
 
