@@ -40,7 +40,7 @@ is of an exact sign-flip test, by Holm's correction. [Goals](../experiments/goal
 measures changed](../../docs/measurements/paper-experiments.md#how-it-is-measured) after the first block); the least
 sure case of each decides.
 """
-SHOWN = [one.name for one in (*DIVISIONS, WEIGHTS_GATED)]
+SHOWN = [one.name for one in DIVISIONS]
 """What the report compares throughout; details.md has all configurations."""
 RIVALS = (("drive", "slam"), ("read", "signs"))
 """The two tasks that contend, each with the context in which it matters most."""
@@ -68,10 +68,9 @@ THREATS = """\
 - The kubelet, the API server and the operator may run beside the tasks' processor: what control costs is then not in
   the hit rates. No context lasts the 30 s after which the API follows.
 - Ten blocks may have nothing of what fails in one of ten. Each task alone comes from few runs; the one that asks most
-  counts. Eleven signs a block are judged: one that is missed decides that goal. A centimetre of error counts as two
-  points. Navigation's accuracy is not judged.
-- Linux default is what the chart requests, 10m a task, which is also the least that a static weight becomes. A VPA
-  decides once a minute. SCHED_RR and pinning were not run.
+  counts. Of eleven signs in a block one that is missed decides its goal. Navigation's accuracy is not judged.
+- Linux default is what the chart requests, 10m a task, also the least that a static weight becomes. SCHED_RR and
+  pinning were not run.
 """
 RIVALRY = """\
 Each point is one set of weights that the search for static ones tried, on its first story, once. A set that keeps both
@@ -144,10 +143,11 @@ def _claim(found: Sequence[Verdict]) -> str:
         return "No goal has been decided yet."
     said = f"**{len(met)} of {len(found)} goals are met**"
     open_ = len(found) - decided
-    rest = [f"missed: {'; '.join(one.goal.name for one in missed)}"] if missed else []
-    rest += [f"not shown: {'; '.join(one.goal.name for one in unshown)}"] if unshown else []
-    rest += [f"not measured, or in too few blocks: {open_}"] if open_ else []
-    return f"{said} ({'; '.join(rest)})." if rest else f"{said}."
+    rest = [f"{len(missed)} missed"] if missed else []
+    rest += [f"{len(unshown)} not shown"] if unshown else []
+    rest += [f"{open_} not measured, or in too few blocks"] if open_ else []
+    rest.append("see [which](#goals-of-context-weights-gated-unless-nothing-is-suspended)")
+    return f"{said} ({'; '.join(rest)})."
 
 
 def _machine(evidence: Evidence) -> str:
