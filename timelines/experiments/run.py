@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 PROFILE, RUNS = "robot/*/profile", "robot/*/runs"
 LONG = 60.0
 """Seconds that an answer may take: a task on a slowed processor has thousands of runs to tell of."""
+ASKED = 3
+"""Times that the tasks are asked at most: of an answer this long a part may be lost where its task has little CPU."""
 SETTLING = 2.0
 """Seconds after the last input before an empty queue counts: a starved task fetches late what was sent to it."""
 
@@ -155,8 +157,8 @@ class _Recording:
                 with Account(machine_seconds, parts) as account:
                     reports, drained = self._play()
                 took = time.monotonic() - began
-            profiles = [json.loads(one) for one in self._answers(PROFILE).values()]
-            for key, payload in self._answers(RUNS).items():
+            profiles = [json.loads(one) for one in answers(self._viewer, PROFILE, self._tasks).values()]
+            for key, payload in answers(self._viewer, RUNS, self._tasks).items():
                 file.heard(key, "json", payload, received=time.time_ns(), stamp=time.time_ns())
             confine.check(cgroups, self._tasks, processors)
             file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
@@ -179,15 +181,6 @@ class _Recording:
             about["weights"] = dict(self._conditions.weights)
         return {**_played(reports), **_heard(profiles), "orders": executive.sent, "about": about}
 
-    def _answers(self, keys: str) -> dict[str, bytes]:
-        """What each task answers, by its key; DeployError if one does not: what it did or dropped is unknown then."""
-        replies = [reply.ok for reply in self._viewer.get(keys, timeout=LONG) if reply.ok is not None]
-        found = {str(reply.key_expr): reply.payload.to_bytes() for reply in replies}
-        silent = sorted({*self._tasks} - {key.split("/")[1] for key in found})
-        if silent:
-            raise deploy.DeployError(f"no answer on {keys} received from {', '.join(silent)}")
-        return found
-
     def _slowed(self, processors: set[int]) -> AbstractContextManager[Thieves | Untouched]:
         """What leaves the tasks' processors their pace while they play."""
         if self._trial.load == UNSLOWED:
@@ -201,6 +194,19 @@ class _Recording:
             patience = healths.PATIENCE + BACKLOG * self._trial.story.seconds * self._trial.story.lossless
             drained &= self._healths.wait_for_all(self._tasks, reports[-1].finished + SETTLING, patience)
         return reports, drained
+
+
+def answers(viewer: zenoh.Session, keys: str, tasks: Sequence[str]) -> dict[str, bytes]:
+    """What each task answers, by its key; DeployError if one does not: what it did or dropped is unknown then."""
+    found: dict[str, bytes] = {}
+    silent = sorted(tasks)
+    for _ in range(ASKED):
+        replies = [reply.ok for reply in viewer.get(keys, timeout=LONG) if reply.ok is not None]
+        found |= {str(reply.key_expr): reply.payload.to_bytes() for reply in replies}
+        silent = sorted({*tasks} - {key.split("/")[1] for key in found})
+        if not silent:
+            return found
+    raise deploy.DeployError(f"no answer on {keys} received from {', '.join(silent)}")
 
 
 def _played(reports: list[Report]) -> dict[str, Any]:

@@ -7,7 +7,8 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -149,6 +150,28 @@ def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch,
         with pytest.raises(deploy.DeployError, match="health within"):
             execute(TRIAL, conditions(tmp_path), tmp_path / "run")
     assert not (tmp_path / "run" / RUN).exists()
+
+
+class Forgetful:
+    """A bus that loses the first answers of the IMU."""
+
+    def __init__(self, lost):
+        self.asked, self._lost = 0, lost
+
+    def get(self, keys, timeout):  # noqa: ARG002 - as Zenoh calls it
+        self.asked += 1
+        for task in ("slam", "imu"):
+            if task == "slam" or self.asked > self._lost:
+                payload = SimpleNamespace(to_bytes=lambda: b"{}")
+                yield SimpleNamespace(ok=SimpleNamespace(key_expr=keys.replace("*", task), payload=payload))
+
+
+def test_a_task_whose_answer_is_lost_is_asked_again():
+    bus: Any = Forgetful(2)
+    assert run_module.answers(bus, run_module.RUNS, ("slam", "imu")).keys() == {"robot/slam/runs", "robot/imu/runs"}
+    assert bus.asked == 3
+    with pytest.raises(deploy.DeployError, match=r"no answer on robot/\*/runs received from imu"):
+        run_module.answers(cast("Any", Forgetful(3)), run_module.RUNS, ("slam", "imu"))
 
 
 def test_each_task_alone_gets_its_own_inputs_one_after_the_other(tmp_path):
