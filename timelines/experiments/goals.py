@@ -1,4 +1,6 @@
-"""What has to be reached. Declared before the runs; what was changed after the first block, the page says. Pure.
+"""What has to be reached. Declared before the runs. Pure.
+
+Three measures changed after the first heavy block: docs/measurements/paper-experiments.md says which.
 
 Each goal compares a configuration with another one of the same block, case by case: a context's critical task, or a
 task. It holds if it holds in every case (an intersection-union test: the least sure case decides, and needs no

@@ -55,7 +55,7 @@ THREATS = """\
   machine was measured badly ([what they showed](../../docs/measurements/paper-experiments.md#earlier-attempts)). These
   stories were written afterwards, by the same people; p is of this attempt alone.
 - Stories are invented, signs rendered, speech synthesised, stereo pictures recorded: no missing command changes the
-  way. Only SLAM and signs contend. Of 14 said stops the same five are recognised each time, also alone.
+  way. Only SLAM and signs contend. Of 14 said stops the same five are recognised each time.
 - **The load was chosen after pilots** on tuning stories: a second camera was added, since without it Linux default
   nearly sufficed, and 1.4 taken instead of 1.26, where static weights sufficed. Queues, `min` and deadlines followed
   from pilots that context weights missed.
