@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from contextpolicy.commands.operator_access import OPERATOR
+from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT, fitted
+from contextpolicy.policy.quantities import parse_cpu
 from tests.charts.objects import WORKLOADS, container, environment
 
 
@@ -31,6 +33,19 @@ def test_operator_gets_its_image_and_environment(render):
         "LOG_FORMAT": "text",
         "LOG_LEVEL": "INFO",
     }
+
+
+def test_the_router_weighs_as_much_as_the_heaviest_task_on_two_processors(render):
+    rendered = render("agent.enabled=true")
+    requests = {
+        (name, one["name"]): parse_cpu(one["resources"]["requests"]["cpu"])
+        for (kind, name), workload in rendered.items()
+        if kind in ("Deployment", "DaemonSet")
+        for one in workload["spec"]["template"]["spec"]["containers"]
+    }
+    robot = {"navigation": PROTECTED_WEIGHT, "imu": PROTECTED_WEIGHT, "slam": 1000}
+    weights = fitted(robot, dict.fromkeys(robot, 10), 2000 - sum(requests.values()))
+    assert requests["contextpolicy-router", "router"] >= max(weights.values())
 
 
 def test_a_rollout_needs_no_room_for_another_operator(render):

@@ -7,8 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from timelines.experiments.evidence import read_schedule
+from timelines.experiments.metrics import Run
+from timelines.experiments.record import records
+
 ROOT = Path(__file__).parents[2]
-REPORT, DETAILS, README, PAGE, PREDICTION = (
+REPORT, DETAILS, README, PAGE, PREDICTION, REACTION = (
     (ROOT / name).read_text(encoding="utf-8")
     for name in (
         "timelines/results/report.md",
@@ -16,8 +20,10 @@ REPORT, DETAILS, README, PAGE, PREDICTION = (
         "README.md",
         "docs/measurements/paper-experiments.md",
         "docs/measurements/prediction.md",
+        "docs/measurements/reaction.md",
     )
 )
+PREPARATION = ROOT / "timelines/results/data/preparation"
 ROWS = ("Linux default", "static weights", "context weights", "context limits")
 """Rows of the README and of the page, as the report calls them."""
 
@@ -65,6 +71,22 @@ def test_what_contexts_gain_and_cost(row, page, heavy, costs, chains):
         own["of the tasks' CPU used, %"],
     ]
     assert f"| {row} | {' | '.join(cells)} |" in page
+
+
+@pytest.mark.parametrize("millicores", [100, 500])
+@pytest.mark.parametrize(("name", "title"), [("linux", "Linux default"), ("weights", "context weights")])
+def test_what_the_routers_request_changes(millicores, name, title):
+    cells = []
+    for task in ("navigation", "imu"):
+        found = sorted(
+            ended.response
+            for one in records((PREPARATION / "router-request.json.xz").read_bytes())
+            if (one.block, one.configuration) == (millicores, name)
+            for ended in Run(read_schedule(PREPARATION / "schedules" / f"{one.story}.json.xz"), one).ended(task)
+            if ended.response is not None
+        )
+        cells += [f"{1000 * found[int(part * len(found))]:.1f} ms" for part in (0.9, 0.97, 0.99)]
+    assert f"| {millicores}m | {title} | {' | '.join(cells)} |" in REACTION
 
 
 def test_predictions_are_scored_as_in_the_details():
