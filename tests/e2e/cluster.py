@@ -55,7 +55,11 @@ def apply_definition() -> None:
 
 
 def helm_command(release: str, namespace: str, values: Mapping[str, str], chart: Path = CHART) -> list[str]:
-    """How the chart is installed, or upgraded: it returns when all parts are ready."""
+    """How the chart is installed, or upgraded: it returns when all parts are ready.
+
+    Several releases share the node, which a router's usual request would fill.
+    """
+    values = {"router.resources.requests.cpu": "100m", **values}
     return [
         *("helm", "upgrade", "--install", release, str(chart), "--namespace", namespace, "--create-namespace"),
         *(part for name, value in values.items() for part in ("--set", f"{name}={value}")),
