@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Document = dict[str, Any]
 
-ROOM = 0.6
+ROOM = 0.5
 """Part of the node that static weights are spread over: operator, router, drivers and guards request CPU too."""
 LEAST = 10
 """Thousandths of a core: the smallest request, as the chart has it."""

@@ -7,8 +7,8 @@ from dataclasses import replace
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from timelines.experiments.blocks import part_of
-from timelines.experiments.configurations import CONFIGURATIONS
+from timelines.experiments.blocks import HEAVY, part_of
+from timelines.experiments.configurations import ALONE, CONFIGURATIONS
 from timelines.experiments.earlier import Earlier
 from timelines.experiments.metrics import Run, contexts
 from timelines.experiments.tables import all_runs, table
@@ -89,6 +89,15 @@ def as_first_played(evidence: Evidence) -> Evidence:
         own = runs.get((one.load, one.story, one.configuration), {})
         if one.block in own:
             own[one.block] = one
+    return replace(evidence, runs=runs)
+
+
+def without_first_block(evidence: Evidence) -> Evidence:
+    """As if the heavy block after which some measures were changed had not been run; each task alone came later."""
+    runs = {
+        (load, story, name): {block: one for block, one in own.items() if block or load != HEAVY or name == ALONE.name}
+        for (load, story, name), own in evidence.runs.items()
+    }
     return replace(evidence, runs=runs)
 
 

@@ -134,19 +134,49 @@ def lateness(runs: Sequence[Run]) -> tuple[float, float]:
     return (every[len(every) // 2] / 10, every[len(every) * 99 // 100] / 10) if every else (0.0, 0.0)
 
 
-def commands(runs: Sequence[Run], context: str) -> tuple[float, float | None, float | None]:
-    """Wheel commands as a part of the frames due in a context, and the median and 99 % of their latency, in seconds."""
+def commands(runs: Sequence[Run], context: str) -> float:
+    """Wheel commands as a part of the frames due in a context."""
     found = [run.commands(context) for run in runs]
-    due, times = sum(one for one, _ in found), sorted(time for _, own in found for time in own)
-    part = len(times) / due if due else 0.0
-    return (part, times[len(times) // 2], times[len(times) * 99 // 100]) if times else (part, None, None)
+    due = sum(one for one, _ in found)
+    return sum(len(times) for _, times in found) / due if due else 0.0
 
 
-def stops(runs: Sequence[Run]) -> tuple[int, int, float | None]:
-    """How many "stop" were said, how many led to an order, and the median of the seconds from its end until then."""
-    said = sum(len(run.schedule.stops) for run in runs)
-    times = sorted(late / TENTHS for run in runs for _, late in run.record.stops)
-    return said, len(times), times[len(times) // 2] if times else None
+def command_latency(runs: Sequence[Run], context: str, part: float) -> Interval | None:
+    """Seconds from a frame to its wheel command that a part of those in a context took at most, over blocks."""
+    return _over_blocks(((run, run.commands(context)[1]) for run in runs), part)
+
+
+def stops(runs: Sequence[Run], context: str) -> tuple[int, int]:
+    """How many "stop" were said in a context, and how many led to an order."""
+    said = sum(len(_said(run, context)) for run in runs)
+    return said, sum(len(_stopped(run, context)) for run in runs)
+
+
+def stop_latency(runs: Sequence[Run], context: str) -> Interval | None:
+    """The median of the seconds from the end of a "stop" to its order, over blocks."""
+    return _over_blocks(((run, _stopped(run, context)) for run in runs), 0.5)
+
+
+def _said(run: Run, context: str) -> set[int]:
+    """The numbers of the "stop" that begin in a context."""
+    windows = [one for one in run.schedule.windows if one.name == context]
+    stops = enumerate(run.schedule.stops)
+    return {number for number, (begin, _) in stops if any(one.begin <= begin < one.end for one in windows)}
+
+
+def _stopped(run: Run, context: str) -> list[float]:
+    """Seconds from the end of each of these until its order, where it led to one."""
+    numbers = _said(run, context)
+    return [late / TENTHS for number, late in run.record.stops if number in numbers]
+
+
+def _over_blocks(found: Iterable[tuple[Run, Sequence[float]]], part: float) -> Interval | None:
+    """What a part of each block's values is at most. None without any."""
+    blocks: dict[int, list[float]] = {}
+    for run, own in found:
+        blocks.setdefault(run.record.block, []).extend(own)
+    values = [sorted(own)[math.floor(part * len(own))] for own in blocks.values() if own]
+    return bootstrap(values) if values else None
 
 
 def responses(runs: Sequence[Run], context: str, task: str) -> tuple[list[float], int]:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 NONE = "-"
 CONTENDING = ("slam", "signs", "signs-left", "speech", "arm")
 """The tasks that have to share."""
+MOVING = "drive"
+"""The context in which the wheels turn."""
 JUDGED = {
     "read: signs": "signs read while reading, %",
     "signs": "signs read, %",
@@ -98,21 +100,20 @@ def gain(found: Interval) -> str:
     return f"{found.mean:+.3g} [{found.low:+.3g}, {found.high:+.3g}]"
 
 
-def of_load(evidence: Evidence, load: str) -> str:
-    """A row for each configuration: hit rates in percent, and CPU used. Empty without runs."""
+def of_load(evidence: Evidence, load: str, *, cpu: bool = True) -> str:
+    """A row for each configuration: hit rates in percent, and CPU used unless that is left out. Empty without runs."""
     found = runs_of(evidence, load)
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
+    head += ["of the tasks' CPU used, %", "cores used by the control", "by all else"] if cpu else []
     rows = []
     for name, runs in found.items():
         hits = [percent(rates.critical(runs, context, task)) for context, task in about.items()]
         hits += [percent(rates.whole(runs, task)) for task in PROTECTED]
-        rows.append([CONFIGURATIONS[name].title, _blocks(runs), *hits, *_cpu(name, runs)])
-    width = len(head) + 3
-    rows += [[CONFIGURATIONS[name].title, "not run", *[NONE] * (width - 2)] for name in _absent(evidence, load, found)]
-    return (
-        table([*head, "of the tasks' CPU used, %", "cores used by the control", "by all else"], rows) if found else ""
-    )
+        rows.append([CONFIGURATIONS[name].title, _blocks(runs), *hits, *(_cpu(name, runs) if cpu else ())])
+    absent = _absent(evidence, load, found)
+    rows += [[CONFIGURATIONS[name].title, "not run", *[NONE] * (len(head) - 2)] for name in absent]
+    return table(head, rows) if found else ""
 
 
 def all_runs(evidence: Evidence) -> list[Record]:
@@ -184,17 +185,25 @@ def _cpu(name: str, runs: Sequence[Run]) -> list[str]:
 
 
 def chains(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) -> str:
-    """From the camera, and from a spoken "stop", to the wheels."""
+    """From the camera, and from a spoken "stop", to the wheels while the robot drives."""
     rows = []
     for name, runs in runs_of(evidence, load, names).items():
         if name == ALONE.name:
             continue  # nobody hears the mission there
-        part, middle, most = rates.commands(runs, "drive")
-        said, heard, stop = rates.stops(runs)
-        times = [NONE if one is None else f"{1000 * one:.0f} ms" for one in (middle, most, stop)]
-        rows.append([CONFIGURATIONS[name].title, f"{100 * part:.1f} %", *times[:2], f"{heard} of {said}", times[2]])
+        chain = [_milliseconds(rates.command_latency(runs, MOVING, part)) for part in (0.5, 0.99)]
+        said, heard = rates.stops(runs, MOVING)
+        stop = [f"{heard} of {said}", _milliseconds(rates.stop_latency(runs, MOVING))]
+        commanded = f"{100 * rates.commands(runs, MOVING):.1f} %"
+        rows.append([CONFIGURATIONS[name].title, commanded, *chain, *stop])
     head = ["", "frames that led to a wheel command", "camera to wheels, median", "99 %"]
-    return table([*head, "said stops that led to an order", "median from the word's end"], rows) if rows else ""
+    return table([*head, "stops said then that led to an order", "median from the word's end"], rows) if rows else ""
+
+
+def _milliseconds(found: Interval | None) -> str:
+    if found is None:
+        return NONE
+    mean, low, high = (f"{1000 * one:.0f}" for one in (found.mean, found.low, found.high))
+    return f"{mean} ms" if low == high else f"{mean} [{low}, {high}] ms"
 
 
 def speedups(evidence: Evidence, against: Configuration = LINUX) -> Iterator[tuple[str, str, Interval]]:

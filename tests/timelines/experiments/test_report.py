@@ -80,6 +80,12 @@ def test_where_attempts_do_not_count_the_details_show_what_the_first_ones_say(tm
         assert ("## If each run's first attempt counted" in details) is shown
 
 
+def test_the_details_have_the_goals_without_the_first_heavy_block(out):
+    details = (out / "details.md").read_text(encoding="utf-8")
+    [_, rest] = details.split("## Without the first heavy block")
+    assert "| light | first law" in rest.split("\n## ")[0]
+
+
 def test_it_says_which_code_was_run(text, tmp_path):
     assert "Code: commit abc1234." in text
     other = a_run("weights")
@@ -95,7 +101,7 @@ def test_it_says_how_much_the_tasks_want_of_what_there_is_and_how_slow_it_was(te
 
 def test_the_details_have_what_was_calibrated(out):
     details = (out / "details.md").read_text(encoding="utf-8")
-    assert "| slam | 0.25 | 100 ms | 100.0 % | 120 (171m) | 16 (600m) |" in details
+    assert "| slam | 0.25 | 100 ms | 100.0 % | 120 (143m) | 16 (500m) |" in details
     assert "drive 0.31" in details
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.timelines.experiments.made_up import a_run, at_speed, evidence, some_runs
+from tests.timelines.experiments.made_up import SCHEDULE, a_run, at_speed, evidence, some_runs
 from timelines.experiments import detail_tables, doubts, tables
 from timelines.experiments.blocks import HEAVY
 from timelines.experiments.evidence import Absent
@@ -36,6 +36,10 @@ def test_cpu_is_that_of_tasks_of_control_and_of_all_else():
     assert row(tables.of_load(SOME, HEAVY), "Linux default")[-3:] == ["8", "0.00", "0.47"]
 
 
+def test_cpu_can_be_left_out():
+    assert row(tables.of_load(SOME, HEAVY, cpu=False), "")[-2:] == ["navigation", "imu"]
+
+
 def test_faster_processors_leave_fewer_seconds_of_cpu():
     assert row(tables.of_load(evidence(at_speed(a_run("linux"), 2.0)), HEAVY), "Linux default")[-3] == "15"
 
@@ -44,9 +48,26 @@ def test_without_runs_of_a_load_there_is_no_table():
     assert tables.of_load(evidence(a_run("linux", load="light")), HEAVY) == ""
 
 
+def said_at(begin):
+    """A story in which "stop" is said then."""
+    return {"library": replace(SCHEDULE, stops=[(begin, begin + 1.2)])}
+
+
 def test_wheel_commands_are_reported_from_camera_and_word():
-    text = tables.chains(SOME, HEAVY)
+    text = tables.chains(replace(SOME, schedules=said_at(2.0)), HEAVY)
     assert row(text, "Linux default") == ["Linux default", "60.0 %", "60 ms", "60 ms", "10 of 10", "800 ms"]
+
+
+def test_a_stop_counts_only_while_the_wheels_turn():
+    text = tables.chains(replace(SOME, schedules=said_at(6.0)), HEAVY)
+    assert row(text, "Linux default")[-2:] == ["0 of 0", "-"]
+
+
+def test_latencies_have_intervals_over_blocks():
+    """Of two blocks one takes 60 ms from each frame to the wheels, the other 100 ms."""
+    slow = replace(a_run("linux", block=1), commands=[[number, 1000] for number in range(10)])
+    text = tables.chains(evidence(a_run("linux"), slow), HEAVY)
+    assert row(text, "Linux default")[2:4] == ["80 [60, 100] ms", "80 [60, 100] ms"]
 
 
 def test_the_papers_measure_has_a_column_for_each_story():
@@ -258,6 +279,19 @@ def test_the_first_attempt_at_a_run_can_stand_for_the_one_that_counts():
     [cell] = first.runs.values()
     assert cell[0] is attempts[1]
     assert cell[1] is found.runs["heavy", "library", "linux"][1]
+
+
+def test_the_first_heavy_block_can_be_left_out():
+    """Measures were changed after it; each task was played alone later, and nothing under light load before."""
+    some = evidence(
+        *(a_run(name, block=n) for name in ("alone", "linux") for n in (0, 1)), a_run("linux", load="light")
+    )
+    left = doubts.without_first_block(some).runs
+    assert {cell: list(own) for cell, own in left.items()} == {
+        ("heavy", "library", "alone"): [0, 1],
+        ("heavy", "library", "linux"): [1],
+        ("light", "library", "linux"): [0],
+    }
 
 
 def test_predictions_are_scored_against_simple_answers():
