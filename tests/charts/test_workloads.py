@@ -35,7 +35,7 @@ def test_operator_gets_its_image_and_environment(render):
     }
 
 
-def test_the_router_weighs_as_much_as_the_heaviest_task_on_two_processors(render):
+def test_the_router_weighs_as_much_as_each_of_three_tasks_that_weigh_a_core_on_two_processors(render):
     rendered = render("agent.enabled=true")
     requests = {
         (name, one["name"]): parse_cpu(one["resources"]["requests"]["cpu"])

@@ -175,8 +175,13 @@ def _over_blocks(found: Iterable[tuple[Run, Sequence[float]]], part: float) -> I
     blocks: dict[int, list[float]] = {}
     for run, own in found:
         blocks.setdefault(run.record.block, []).extend(own)
-    values = [sorted(own)[math.floor(part * len(own))] for own in blocks.values() if own]
+    values = [_quantile(sorted(own), part) for own in blocks.values() if own]
     return bootstrap(values) if values else None
+
+
+def _quantile(ascending: Sequence[float], part: float) -> float:
+    """The median is between the two in the middle: of few values it would else be the slower one."""
+    return median(ascending) if part == 0.5 else ascending[math.floor(part * len(ascending))]
 
 
 def responses(runs: Sequence[Run], context: str, task: str) -> tuple[list[float], int]:

@@ -92,7 +92,7 @@ class Site:
         self.workers(LOAD, {f"load-{number}": (1, 1.0) for number in range(LOADS)})
 
     def operator(self, namespace: str, *, agent: bool = False) -> zenoh.Session:
-        """An operator and router as users install them, watching this namespace only; a session on its bus."""
+        """An operator and router, of a request of 100m, that watch this namespace only; a session on its bus."""
         self._namespace(namespace)
         address = free_address(ADDRESSES[namespace])
         values = {

@@ -63,6 +63,19 @@ def test_a_stop_counts_only_while_the_wheels_turn():
     assert row(text, "Linux default")[-2:] == ["0 of 0", "-"]
 
 
+def test_the_median_of_two_stops_is_between_them():
+    schedules = {"library": replace(SCHEDULE, stops=[(1.0, 1.5), (3.0, 3.5)])}
+    heard = replace(a_run("linux"), stops=[[0, 1000], [1, 3000]])
+    text = tables.chains(replace(evidence(heard), schedules=schedules), HEAVY)
+    assert row(text, "Linux default")[-2:] == ["2 of 2", "200 ms"]
+
+
+def test_a_block_without_a_recognised_stop_is_counted_and_has_no_latency():
+    unheard = replace(a_run("linux", block=1), stops=[])
+    text = tables.chains(replace(evidence(a_run("linux"), unheard), schedules=said_at(2.0)), HEAVY)
+    assert row(text, "Linux default")[-2:] == ["1 of 2", "800 ms"]
+
+
 def test_latencies_have_intervals_over_blocks():
     """Of two blocks one takes 60 ms from each frame to the wheels, the other 100 ms."""
     slow = replace(a_run("linux", block=1), commands=[[number, 1000] for number in range(10)])
