@@ -45,7 +45,7 @@ SHOWN = [one.name for one in DIVISIONS]
 RIVALS = (("drive", "slam"), ("read", "signs"))
 """The two tasks that contend, each with the context in which it matters most."""
 CORES = """\
-The tasks' CPU is what slows the processors leaves them. The control includes the router, which every configuration has.
+The tasks' CPU is what slows the processors leaves them. The control includes the router.
 """
 COSTS = """\
 What was done in time of **all** that came, wanted by a context or not, and what came of it:
@@ -69,7 +69,7 @@ THREATS = """\
 - The kubelet, the API server and the operator may run beside the tasks' processor: what control costs is then not in
   the hit rates. No context lasts the 30 s after which the API follows.
 - Ten blocks may have nothing of what fails in one of ten. Each task alone comes from few runs; the one that asks most
-  counts. Of eleven signs in a block one that is missed decides its goal. Navigation's accuracy is not judged.
+  counts. Of eleven signs in a block one that is missed decides its goal.
 - Linux default is what the chart requests, 10m a task, also the least of a static weight. SCHED_RR and pinning
   were not run.
 """
