@@ -68,9 +68,14 @@ def test_what_contexts_gain_and_cost(row, page, heavy, costs, chains):
         *(own[column] for column in ("drive: slam", "read: signs")),
         wheels["frames that led to a wheel command"].removesuffix(" %"),
         *(all_[column] for column in ("slam", "signs", "signs read while reading, %", "signs read, %")),
-        own["of the tasks' CPU used, %"],
+        all_["of the tasks' CPU used, %"],
     ]
     assert f"| {row} | {' | '.join(cells)} |" in page
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_from_which_load_on_contexts_are_needed(row):
+    assert f"| {row} | {' | '.join(list(table('1.25')[row].values())[1:])} |" in PAGE
 
 
 @pytest.mark.parametrize("millicores", [100, 500])

@@ -100,12 +100,11 @@ def _first_page(evidence: Evidence, found: Sequence[Verdict]) -> Iterator[str]:
     yield f"{_headline(evidence)}{_claim(found)}\n"
     yield f"{METHOD}\n{_machine(evidence)}"
     for load in (HEAVY, LIGHT):
-        rows = tables.of_load(evidence, load, cpu=load == HEAVY)
+        rows = tables.of_load(evidence, load, cpu=False)
         if rows:
             yield f"## {load.capitalize()} load: hit rates in percent\n"
             yield rows
         if rows and load == HEAVY:
-            yield CORES
             yield COSTS
             yield tables.costs(evidence, load, [*SHOWN, ALONE.name])
     absent = tables.absences(evidence)
@@ -179,12 +178,17 @@ def _capacity(every: Sequence[Record], load: str, processors: int, part: float) 
 
 
 def _code(every: Sequence[Record]) -> str:
-    """The commit that ran; where there are several, with how many runs each has."""
-    counts = Counter(str(one.about["code"]) for one in every)
-    if len(counts) == 1:
-        return f"Code: commit {next(iter(counts))}."
-    shown = (f"{code} ({count} {'run' if count == 1 else 'runs'})" for code, count in sorted(counts.items()))
-    return f"Code: commits {', '.join(shown)}."
+    """The commit that ran, or how many did."""
+    codes = {str(one.about["code"]) for one in every}
+    if len(codes) == 1:
+        return f"Code: commit {codes.pop()}."
+    return f"Code: [{len(codes)} commits](details.md#which-code-was-run)."
+
+
+def _codes(every: Sequence[Record]) -> str:
+    """With how many runs of which load each commit has."""
+    counts = Counter((one.load, str(one.about["code"])) for one in every)
+    return tables.table(["load", "commit", "runs"], ([*which, str(count)] for which, count in sorted(counts.items())))
 
 
 def _static(evidence: Evidence) -> str:
@@ -198,8 +202,8 @@ def _static(evidence: Evidence) -> str:
             none = (
                 "none of those that were measured" if False in found.values() else "not measured, or in too few blocks"
             )
-            lines.append(f"- {goal.name}: {', '.join(reach) or none}.\n")
-    return "Which configurations reach the goals of the critical tasks (uncorrected):\n\n" + "".join(lines)
+            lines.append(f"- {'gated' if gated else 'nothing suspended'}: {', '.join(reach) or none}.\n")
+    return "Which configurations reach the goal of the critical tasks (uncorrected):\n\n" + "".join(lines)
 
 
 def _reaches(evidence: Evidence, goal: Goal, configuration: str) -> bool | None:
@@ -226,7 +230,7 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
     totals = tables.totals(evidence)
     if totals:
         yield "## The paper's measure, under its terms: queues lose nothing, a run ends when they are empty\n"
-        yield f"Total time of Linux default divided by each configuration's (the paper: up to {SPEEDUP}):\n"
+        yield f"Total time of Linux default divided by each configuration's (the paper: up to {SPEEDUP} on exp1):\n"
         yield totals
     yield f"## Threats to validity\n\n{THREATS}"
     yield f"## Repeat it\n\n{REPEAT}"
@@ -239,6 +243,8 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
         yield "## What was calibrated, and then frozen\n"
         yield detail_tables.calibrated(evidence.frozen, tables.all_runs(evidence)[0].about["machine"]["cores"])
     yield tables.alone(evidence)
+    yield "## Which code was run\n"
+    yield _codes(tables.all_runs(evidence))
     yield "## What the machine was measured to do\n"
     yield detail_tables.measures(evidence)
     for load in (HEAVY, LIGHT, *SWEEP, PAPERS_LOAD):
@@ -283,9 +289,9 @@ def _as_first_played(evidence: Evidence) -> Iterator[str]:
 
 def _details_of_load(evidence: Evidence, load: str) -> Iterator[str]:
     yield f"## {load.capitalize()} load\n"
-    if load != HEAVY:  # the report has that
-        yield "### Hit rates in percent\n"
-        yield tables.of_load(evidence, load)
+    yield "### Hit rates in percent\n"
+    yield tables.of_load(evidence, load)
+    yield CORES
     if load == PAPERS_LOAD:
         yield "### Total times, and the work that was done in them\n"
         yield tables.papers(evidence)

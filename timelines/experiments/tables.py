@@ -35,6 +35,8 @@ JUDGED = {
     "speech": "commands heard, %",
 }
 """The tasks whose results are right or wrong, and one of them in its context, with their measure."""
+TAKEN = "of the tasks' CPU used, %"
+"""A column's head; the tasks' CPU is what slows the processors leaves them."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -105,7 +107,7 @@ def of_load(evidence: Evidence, load: str, *, cpu: bool = True) -> str:
     found = runs_of(evidence, load)
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
-    head += ["of the tasks' CPU used, %", "cores used by the control", "by all else"] if cpu else []
+    head += [TAKEN, "cores used by the control", "by all else"] if cpu else []
     rows = []
     for name, runs in found.items():
         hits = [percent(rates.critical(runs, context, task)) for context, task in about.items()]
@@ -130,8 +132,8 @@ def costs(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) 
     rows = []
     for name, runs in found.items():
         done = [in_time(rates.endings(runs, task)) for task in sharing]
-        rows.append([CONFIGURATIONS[name].title, *done, *(_right(runs, task) for task in judged)])
-    return table(["", *sharing, *judged.values()], rows) if rows else ""
+        rows.append([CONFIGURATIONS[name].title, *done, *(_right(runs, task) for task in judged), _cpu(name, runs)[0]])
+    return table(["", *sharing, *judged.values(), TAKEN], rows) if rows else ""
 
 
 def in_time(counts: Mapping[Ending, float]) -> str:

@@ -45,7 +45,7 @@ def test_a_goal_that_ten_blocks_agree_on_is_met(text):
 
 
 def test_report_lists_other_divisions_that_reach_the_goal(text):
-    assert "less 2 points (gated): context weights, gated.\n" in text
+    assert "- gated: context weights, gated.\n" in text
 
 
 def test_of_too_few_blocks_it_does_not_say_that_none_reaches_a_goal(tmp_path):
@@ -53,7 +53,7 @@ def test_of_too_few_blocks_it_does_not_say_that_none_reaches_a_goal(tmp_path):
     for count, said in ((4, "not measured, or in too few blocks"), (5, "context weights, gated")):
         runs = [a_run("weights-gated", block=block) for block in range(count)]
         text = write_report(evidence(*runs, a_run("alone")), tmp_path).read_text(encoding="utf-8")
-        assert f"less 2 points (gated): {said}.\n" in text
+        assert f"- gated: {said}.\n" in text
 
 
 def test_what_is_gained_and_who_pays_come_before_the_goals(tmp_path):
@@ -91,7 +91,9 @@ def test_it_says_which_code_was_run(text, tmp_path):
     other = a_run("weights")
     runs = [a_run("linux"), replace(other, about={**other.about, "code": "def5678 and changes"})]
     mixed = write_report(evidence(*runs), tmp_path).read_text(encoding="utf-8")
-    assert "Code: commits abc1234 (1 run), def5678 and changes (1 run)." in mixed
+    assert "Code: [2 commits](details.md#which-code-was-run)." in mixed
+    details = (tmp_path / "details.md").read_text(encoding="utf-8")
+    assert "| heavy | abc1234 | 1 |\n| heavy | def5678 and changes | 1 |\n" in details
 
 
 def test_it_says_how_much_the_tasks_want_of_what_there_is_and_how_slow_it_was(text):
