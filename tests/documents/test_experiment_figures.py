@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 
@@ -23,7 +25,8 @@ REPORT, DETAILS, README, PAGE, PREDICTION, REACTION = (
         "docs/measurements/reaction.md",
     )
 )
-PREPARATION = ROOT / "timelines/results/data/preparation"
+DATA = ROOT / "timelines/results/data"
+PREPARATION = DATA / "preparation"
 ROWS = ("Linux default", "static weights", "context weights", "context limits")
 """Rows of the README and of the page, as the report calls them."""
 
@@ -76,6 +79,24 @@ def test_what_contexts_gain_and_cost(row, page, heavy, costs, chains):
 @pytest.mark.parametrize("row", ROWS)
 def test_from_which_load_on_contexts_are_needed(row):
     assert f"| {row} | {' | '.join(list(table('1.25')[row].values())[1:])} |" in PAGE
+
+
+def test_what_light_load_costs():
+    runs = defaultdict(list)
+    for path in sorted((DATA / "blocks").glob("3-light-*.json.xz")):
+        for one in records(path.read_bytes()):
+            runs[one.configuration].append(Run(read_schedule(DATA / "schedules" / f"{one.story}.json.xz"), one))
+    slam = {name: f"{100 * fmean(run.tally('slam').hit for run in own):.1f}" for name, own in runs.items()}
+    last = {name: f"{1000 * fmean(run.tail('navigation') for run in own):.0f}" for name, own in runs.items()}
+    minute = {name: sum(run.tail("slam") >= 50 for run in own) for name, own in runs.items()}
+    linux, static, weights, gated = "linux", "static", "weights", "weights-gated"
+    assert slam[weights] == slam[gated]
+    assert last[weights] == last[gated]
+    assert f"SLAM did {slam[weights]} % in time, gated or not, instead of {slam[linux]} %" in PAGE
+    assert f"SLAM had {slam[weights]} % instead of {slam[linux]}. Navigation's p99 was {last[weights]} ms" in README
+    assert f"{last[weights]} ms under context weights, {last[linux]} under Linux' default, {last[static]} under" in PAGE
+    assert f"in {minute[linux]} runs of {len(runs[linux])} under Linux' default, {minute[static]} under" in PAGE
+    assert f"{minute[weights]} under context weights and {minute[gated]} gated" in PAGE
 
 
 @pytest.mark.parametrize("millicores", [100, 500])

@@ -230,7 +230,7 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
     totals = tables.totals(evidence)
     if totals:
         yield "## The paper's measure, under its terms: queues lose nothing, a run ends when they are empty\n"
-        yield f"Total time of Linux default divided by each configuration's (the paper: up to {SPEEDUP} on exp1):\n"
+        yield f"Total time of Linux default divided by each configuration's (the paper: up to {SPEEDUP}):\n"
         yield totals
     yield f"## Threats to validity\n\n{THREATS}"
     yield f"## Repeat it\n\n{REPEAT}"

@@ -95,16 +95,17 @@ def test_the_papers_measure_has_a_column_for_each_story():
 def test_what_the_others_lose_counts_what_no_context_wants_as_well():
     """Else those that are suspended would seem to lose nothing."""
     text = tables.costs(SOME, HEAVY)
-    assert row(text, "")[1:-1] == ["slam", "speech", "commands heard, %"]
-    assert row(text, "context weights, gated")[1:-1] == ["50.0", "100.0", "75.0"]
-    assert row(text, "Linux default")[1:-1] == ["30.0", "100.0", "75.0"]
+    assert row(text, "")[1:] == ["slam", "speech", "commands heard, %", tables.TAKEN]
+    assert row(text, "context weights, gated")[1:] == ["50.0", "100.0", "75.0", "8"]
+    assert row(text, "Linux default")[1:] == ["30.0", "100.0", "75.0", "8"]
+    assert row(text, "each task alone")[1:] == ["100.0", "100.0", "-", "-"]  # as many times as long: nobody's CPU
 
 
 def test_what_is_read_where_it_matters_stands_beside_what_is_read_at_all():
     judged = {"signs": ["signs read", 50.0, "%", 8, True], "read: signs": ["signs read", 100.0, "%", 4, True]}
     text = tables.costs(evidence(a_run("linux", accuracy=judged)), HEAVY)
-    assert row(text, "")[-3:-1] == ["signs read while reading, %", "signs read, %"]
-    assert row(text, "Linux default")[-3:-1] == ["100.0", "50.0"]
+    assert row(text, "")[-3:] == ["signs read while reading, %", "signs read, %", tables.TAKEN]
+    assert row(text, "Linux default")[-3:] == ["100.0", "50.0", "8"]
 
 
 def given_up(run):
