@@ -146,6 +146,7 @@ class _Recording:
             confine.keep_off(processors),
             as_service(cgroups.values()),
             self._slowed(processors) as thieves,
+            self._punctual(),
             McapWriter(folder / MESSAGES) as file,
         ):
             parts = {SLOWING: thieves.seconds, **{name: cgroup.usage for name, cgroup in cgroups.items()}}
@@ -186,6 +187,10 @@ class _Recording:
         if self._trial.load == UNSLOWED:
             return nullcontext(Untouched(speed(min(processors))))
         return slowed(self._conditions.capacity.part * self._conditions.whole, processors)
+
+    def _punctual(self) -> AbstractContextManager[None]:
+        """What keeps the player on time; not beside realtime tasks, which it would compete with."""
+        return nullcontext() if self._trial.load == UNSLOWED else confine.punctual()
 
     def _play(self) -> tuple[list[Report], bool]:
         reports, drained = [], True

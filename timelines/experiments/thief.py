@@ -20,6 +20,8 @@ MEMORY = 0.1
 LINE = 1.0
 """Seconds between lines."""
 TURN = range(50)
+PRIORITY = 2
+"""Among realtime threads; what plays the sensors' inputs has the one below (`confine`)."""
 
 
 class Pacer:
@@ -63,7 +65,7 @@ def turns(until: float) -> int:
 
 def _steal(processor: int, pace: float) -> None:
     os.sched_setaffinity(0, {processor})
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     _write("begins")
     # All at once: the kernel moves a thread whose processor is taken to one that is not.
     begin, parent, pacer = time.monotonic() // PERIOD * PERIOD, os.getppid(), Pacer(pace)

@@ -9,7 +9,8 @@ import threading
 import pytest
 
 from timelines.demo.deploy import DeployError
-from timelines.experiments.confine import check, confine, first, keep_off
+from timelines.experiments import thief
+from timelines.experiments.confine import check, confine, first, keep_off, punctual
 
 
 class Container:
@@ -68,6 +69,23 @@ def test_what_plays_and_records_stays_away_from_the_tasks_where_there_is_room():
         with keep_off(allowed):  # none is left
             assert os.sched_getaffinity(0) == allowed
         assert os.sched_getaffinity(beside.native_id or 0) == allowed
+    finally:
+        other.set()
+        beside.join()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs permission to use realtime priorities")
+def test_what_plays_runs_before_the_tasks_and_after_what_slows_the_processors():
+    before = os.sched_getscheduler(0)
+    with punctual():
+        other = threading.Event()
+        beside = threading.Thread(target=other.wait)
+        beside.start()
+        for thread in (0, beside.native_id or 0):
+            assert os.sched_getscheduler(thread) == os.SCHED_FIFO
+            assert 0 < os.sched_getparam(thread).sched_priority < thief.PRIORITY
+    try:
+        assert os.sched_getscheduler(0) == os.sched_getscheduler(beside.native_id or 0) == before
     finally:
         other.set()
         beside.join()
