@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 
 import pytest
 
@@ -99,6 +99,24 @@ def test_what_light_load_costs():
     assert f"{minute[weights]} under context weights and {minute[gated]} gated" in PAGE
 
 
+def test_what_the_player_lost_under_light_load():
+    late, lost, fewer = defaultdict(list), Counter(), []
+    for path in sorted((DATA / "blocks").glob("3-light-*.json.xz")):
+        for one in records(path.read_bytes()):
+            samples, pieces = sorted(one.late["robot/imu/raw"]), one.columns["speech"]["audio"].fates.count("l")
+            late[one.configuration].append(samples[int(0.99 * len(samples))] / 10)
+            lost[one.configuration] += pieces
+            if one.story == "hotel" and one.accuracy["talk: speech"][1] < 100:
+                fewer.append(pieces)
+    last = {name: f"{median(own):.0f}" for name, own in late.items()}
+    assert f"{last['weights']} ms late under context weights, {last['weights-gated']} gated" in PAGE
+    assert f"{last['static']} under static weights and {last['linux']} under\nLinux' default" in PAGE
+    assert f"{lost['weights']} under context weights, {lost['weights-gated']} gated" in PAGE
+    assert f"{lost['static']} under static weights and {lost['linux']} under Linux' default" in PAGE
+    assert f"All {len(fewer)} runs that heard" in PAGE
+    assert set(fewer) == {1}
+
+
 @pytest.mark.parametrize("millicores", [100, 500])
 @pytest.mark.parametrize(("name", "title"), [("linux", "Linux default"), ("weights", "context weights")])
 def test_what_the_routers_request_changes(millicores, name, title):
@@ -113,6 +131,21 @@ def test_what_the_routers_request_changes(millicores, name, title):
         )
         cells += [f"{1000 * found[int(part * len(found))]:.1f} ms" for part in (0.9, 0.97, 0.99)]
     assert f"| {millicores}m | {title} | {' | '.join(cells)} |" in REACTION
+
+
+@pytest.mark.parametrize(("block", "player"), [(0, "ordinary process"), (1, "realtime priority")])
+@pytest.mark.parametrize(
+    ("name", "title"),
+    [("linux", "Linux default"), ("weights", "context weights"), ("weights-gated", "context weights, gated")],
+)
+def test_how_late_a_player_beside_weighted_tasks_is(block, player, name, title):
+    every = records((PREPARATION / "player-priority.json.xz").read_bytes())
+    own = [one for one in every if (one.block, one.configuration) == (block, name)]
+    late = sorted(tenths / 10 for one in own for of_key in one.late.values() for tenths in of_key)
+    fates = "".join(column.fates for one in own for inputs in one.columns.values() for column in inputs.values())
+    assert f"{len(fates):,} deliveries" in REACTION
+    cells = [f"{late[int(0.99 * len(late))]:.1f} ms", f"{late[-1]:.1f} ms", str(fates.count("l"))]
+    assert f"| {player} | {title} | {' | '.join(cells)} |" in REACTION
 
 
 def test_predictions_are_scored_as_in_the_details():
