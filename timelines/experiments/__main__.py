@@ -19,7 +19,6 @@ from contextpolicy.errors import ContextPolicyError
 from robotkit.euroc import DatasetError
 from timelines.datasets.recordings import ROOT
 from timelines.demo import deploy
-from timelines.experiments import installation
 from timelines.experiments.blocks import PLAN, trials
 from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
@@ -34,7 +33,6 @@ from timelines.experiments.workbench import Folders, Workbench
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from timelines.experiments.blocks import Trial
 
 OUT = deploy.REPOSITORY / "build" / "experiments"
 DATA = deploy.REPOSITORY / "timelines" / "results" / "data"
@@ -90,28 +88,15 @@ def _run(options: argparse.Namespace, bench: Workbench, *, quick: bool) -> bool:
         elif frozen:
             write_frozen(data, frozen)
         campaign = Campaign(bench, settings(frozen), tuned_weights(frozen), Lines())
-        able = _able(campaign, chosen)
-        if not quick and campaign.missing(able):
+        if not quick and campaign.missing(chosen):
             preparation.measured(frozen)
     except OutOfTimeError:
         Lines().say("not all is prepared: the same command goes on with it")
         return True
-    left = campaign.run(able, until=until, commit=options.commit)
+    left = campaign.run(chosen, until=until, commit=options.commit)
     if left:
         Lines().say(f"{left} runs are left: run the same command again to continue")
     return not campaign.failed
-
-
-def _able(campaign: Campaign, chosen: Sequence[Trial]) -> list[Trial]:
-    """The runs that this node is able to do; of the others it is reported why it is not."""
-    able = list(chosen)
-    for load, configuration in dict.fromkeys((one.load, one.configuration) for one in chosen):
-        reason = installation.obstacle(configuration)
-        if reason:
-            own = [one for one in chosen if (one.load, one.configuration) == (load, configuration)]
-            campaign.leave_out(own, reason)
-            able = [one for one in able if one not in own]
-    return able
 
 
 def _prepare(preparation: Preparation, frozen: dict[str, Any], data: Path, kept: Callable[[str], None]) -> None:

@@ -13,7 +13,6 @@ from timelines.experiments.configurations import (
     PAPERS,
     REALTIME,
     VARIANTS,
-    VPA,
     Configuration,
 )
 from timelines.experiments.stories import HELD_OUT, PAPER, STORIES, Story
@@ -52,7 +51,6 @@ PLAN: Sequence[Part] = (
     *(Part(load, HELD_OUT, DIVISIONS, 3) for load in SWEEP),
     Part(PAPERS_LOAD, PAPER, PAPERS, 3),
     Part(HEAVY, HELD_OUT, VARIANTS, 3),
-    Part(HEAVY, HELD_OUT, (VPA,), 3),
     Part(UNSLOWED, (STORIES["exp2"],), (REALTIME,), 1),
 )
 """In the order of what a claim needs first; of Realtime it is only shown how it decides."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.policy.quantities import format_cpu
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     Document = dict[str, Any]
 
@@ -46,7 +46,6 @@ class Configuration:
     settle: float | None = None
     static: bool = False
     adaptive: bool = False
-    autoscaled: bool = False
     alone: bool = False
     realtime: bool = False
 
@@ -88,31 +87,13 @@ class Configuration:
         names = [task["name"] for task in document["spec"]["tasks"]]
         if self.static:
             return {name: {"request": request, "limit": ""} for name, request in requests(weights, cores).items()}
-        return {name: {"limit": str(cores) if self.contextual or self.autoscaled else ""} for name in names}
+        return {name: {"limit": str(cores) if self.contextual else ""} for name in names}
 
 
 def requests(weights: Mapping[str, int], cores: int) -> dict[str, str]:
     """Weights as CPU requests, which is how a pod gets them, in their proportions."""
     room, whole = ROOM * cores * 1000, sum(weights.values())
     return {name: format_cpu(max(LEAST, round(room * weight / whole))) for name, weight in weights.items()}
-
-
-def autoscalers(document: Document, cores: int) -> Iterator[Document]:
-    """A VerticalPodAutoscaler for each task, in place, within the policy's bounds."""
-    for task in document["spec"]["tasks"]:
-        name = task["name"]
-        bounds = {"minAllowed": {"cpu": task.get("min", "10m")}, "maxAllowed": {"cpu": task.get("max", str(cores))}}
-        own = {"containerName": task.get("container", name), "controlledResources": ["cpu"], **bounds}
-        yield {
-            "apiVersion": "autoscaling.k8s.io/v1",
-            "kind": "VerticalPodAutoscaler",
-            "metadata": {"name": name, "namespace": document["metadata"]["namespace"]},
-            "spec": {
-                "targetRef": {"apiVersion": "apps/v1", "kind": "Deployment", "name": name},
-                "updatePolicy": {"updateMode": "InPlaceOrRecreate", "minReplicas": 1},
-                "resourcePolicy": {"containerPolicies": [own, {"containerName": "*", "mode": "Off"}]},
-            },
-        }
 
 
 def _weigh_more(spec: Document) -> None:
@@ -153,7 +134,6 @@ WEIGHTS_ADAPTIVE = Configuration(
 WEIGHTS_AT_ONCE = Configuration(
     "weights-at-once", "context weights, gated, API after 2 s", "Weight", agent=True, gated=True, settle=2.0
 )
-VPA = Configuration("vpa", "VPA in place", autoscaled=True)
 REALTIME = Configuration("realtime", "context realtime, gated", agent=True, gated=True, realtime=True)
 ALONE = Configuration("alone", "each task alone", alone=True)
 
@@ -170,4 +150,4 @@ FIRST_LAW: Sequence[Configuration] = (LINUX, STATIC, WEIGHTS, WEIGHTS_GATED, LIM
 """Under light load: the product against plain Linux, as it is used, and without what suspensions leave to others."""
 PAPERS: Sequence[Configuration] = (LINUX, LINUX_GATED, WEIGHTS_GATED, LIMITS_GATED, RESIZED)
 """Gated Linux default shows how much of a shorter total time is work that was not done."""
-CONFIGURATIONS: Mapping[str, Configuration] = {one.name: one for one in (*FACTORS, *VARIANTS, VPA, REALTIME, ALONE)}
+CONFIGURATIONS: Mapping[str, Configuration] = {one.name: one for one in (*FACTORS, *VARIANTS, REALTIME, ALONE)}

@@ -11,7 +11,6 @@ import yaml
 from timelines.demo import bus, cgroup, deploy
 from timelines.experiments import gate
 from timelines.experiments.capacity import in_cpu_time
-from timelines.experiments.configurations import autoscalers
 from timelines.experiments.tasks import SECOND, module
 
 if TYPE_CHECKING:
@@ -35,7 +34,6 @@ ROOM = "1536Mi"
 """Memory limit of a module with such a queue of pictures."""
 CONTROL = ("operator", "router", "agent")
 """Containers of what decides and carries it out; the router is the bus, with and without."""
-AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
 CONTEXT_POLICIES = "contextpolicies.contextpolicy.dev"
 POLICY = "ctxp/whole-robot"
 
@@ -49,13 +47,6 @@ def policy_document(story: Story) -> Document:
 def cores() -> int:
     """Processors of this machine."""
     return os.cpu_count() or 1
-
-
-def obstacle(configuration: Configuration) -> str:
-    """Why this node is not able to carry a configuration out; empty if it is."""
-    if configuration.autoscaled and not _defined(AUTOSCALERS):
-        return "no VerticalPodAutoscaler is installed"
-    return ""
 
 
 def _defined(kind: str) -> bool:
@@ -95,20 +86,12 @@ def install(configuration: Configuration) -> None:
     deploy.install_operator(*settings, closed=True)
 
 
-def start_robot(trial: Trial, weights: Mapping[str, int], speed: float, folder: Path) -> None:
-    """Restart the robot's modules, without any state; values are kept in `folder`.
-
-    `speed` is what a processor does, in whole ones.
-    """
+def start_robot(trial: Trial, weights: Mapping[str, int], folder: Path) -> None:
+    """Restart the robot's modules, without any state; values are kept in `folder`."""
     stop_robot()
     document, own = policy_document(trial.story), folder / "values.yaml"
     own.write_text(yaml.safe_dump(values(trial, document, cores(), weights)), encoding="utf-8")
     deploy.install_robot(deploy.VALUES, own, closed=True)
-    if trial.configuration.autoscaled:
-        path = folder / "autoscalers.yaml"
-        bounded = in_cpu_time(document, speed)
-        path.write_text(yaml.safe_dump_all(autoscalers(bounded, cores())), encoding="utf-8")
-        deploy.run("kubectl", "apply", "-f", str(path))
 
 
 def decide(trial: Trial, capacity: Capacity, speed: float, folder: Path) -> None:
@@ -129,10 +112,9 @@ def decide(trial: Trial, capacity: Capacity, speed: float, folder: Path) -> None
 
 
 def stop_robot() -> None:
-    """Remove the policy, or the autoscalers, then the modules; DeployError if one stays: the next run would have it."""
-    for kind in (AUTOSCALERS, CONTEXT_POLICIES):
-        if _defined(kind):
-            deploy.run("kubectl", "delete", kind, "--all", "-n", deploy.ROBOT, f"--timeout={deploy.TIMEOUT}")
+    """Remove the policy, then the modules; DeployError if one stays: the next run would have it."""
+    if _defined(CONTEXT_POLICIES):
+        deploy.run("kubectl", "delete", CONTEXT_POLICIES, "--all", "-n", deploy.ROBOT, f"--timeout={deploy.TIMEOUT}")
     deploy.run(
         *("helm", "uninstall", "robot", "--namespace", deploy.ROBOT, "--ignore-not-found", "--wait"),
         *("--timeout", deploy.TIMEOUT),

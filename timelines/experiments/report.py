@@ -42,6 +42,8 @@ sure case of each decides.
 """
 SHOWN = [one.name for one in DIVISIONS]
 """What the report compares throughout; details.md has all configurations."""
+FIRST_PAGE = [one.name for one in FACTORS]
+"""What its tables of hit rates have."""
 RIVALS = (("drive", "slam"), ("read", "signs"))
 """The two tasks that contend, each with the context in which it matters most."""
 CORES = """\
@@ -70,8 +72,8 @@ THREATS = """\
   the hit rates. No context lasts the 30 s after which the API follows.
 - Ten blocks may have nothing of what fails in one of ten. Each task alone comes from few runs; the one that asks most
   counts. Of eleven signs in a block one that is missed decides its goal.
-- Linux default is what the chart requests, 10m a task, also the least of a static weight. SCHED_RR and pinning
-  were not run.
+- Linux default is what the chart requests, 10m a task, also the least of a static weight. SCHED_RR, pinning and a
+  VerticalPodAutoscaler were not run.
 """
 RIVALRY = """\
 Each point is one set of weights that the search for static ones tried, on its first story, once. A set that keeps both
@@ -100,7 +102,7 @@ def _first_page(evidence: Evidence, found: Sequence[Verdict]) -> Iterator[str]:
     yield f"{_headline(evidence)}{_claim(found)}\n"
     yield f"{METHOD}\n{_machine(evidence)}"
     for load in (HEAVY, LIGHT):
-        rows = tables.of_load(evidence, load, cpu=False)
+        rows = tables.of_load(evidence, load, FIRST_PAGE, cpu=False)
         if rows:
             yield f"## {load.capitalize()} load: hit rates in percent\n"
             yield rows

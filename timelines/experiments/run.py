@@ -78,7 +78,7 @@ def execute(trial: Trial, conditions: Conditions, folder: Path) -> None:
     folder.mkdir(parents=True)
     wait_until_calm()  # what stops or starts on the other processors slows this one
     speed_there = conditions.expected / conditions.whole
-    installation.start_robot(trial, conditions.weights, speed_there, folder)
+    installation.start_robot(trial, conditions.weights, folder)
     try:
         with (
             installation.session("sensor") as sensors,

@@ -102,9 +102,9 @@ def gain(found: Interval) -> str:
     return f"{found.mean:+.3g} [{found.low:+.3g}, {found.high:+.3g}]"
 
 
-def of_load(evidence: Evidence, load: str, *, cpu: bool = True) -> str:
+def of_load(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS, *, cpu: bool = True) -> str:
     """A row for each configuration: hit rates in percent, and CPU used unless that is left out. Empty without runs."""
-    found = runs_of(evidence, load)
+    found = runs_of(evidence, load, names)
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     head = ["", "blocks", *(f"{context}: {task}" for context, task in about.items()), *PROTECTED]
     head += [TAKEN, "cores used by the control", "by all else"] if cpu else []

@@ -10,7 +10,7 @@ import yaml
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.quantities import parse_cpu
 from timelines.demo import deploy
-from timelines.experiments import gate, installation
+from timelines.experiments import gate
 from timelines.experiments.blocks import HEAVY, Trial
 from timelines.experiments.configurations import (
     CONFIGURATIONS,
@@ -22,10 +22,8 @@ from timelines.experiments.configurations import (
     STATIC,
     STATIC_GATED,
     STRICTER,
-    VPA,
     WEIGHTS,
     WEIGHTS_GATED,
-    autoscalers,
     requests,
 )
 from timelines.experiments.healths import idle
@@ -163,22 +161,6 @@ def test_modules_listen_to_the_gate_where_nothing_acts_and_adapt_where_they_shou
     assert module(LINUX_GATED)["env"]["PLAN_KEY"] == gate.KEY
     assert "PLAN_KEY" not in module(WEIGHTS_GATED)["env"]
     assert module(LINUX_ADAPTIVE)["env"]["ADAPT"] == "true"
-
-
-def test_a_node_that_is_not_able_to_do_something_has_a_reason(monkeypatch):
-    monkeypatch.setattr(deploy, "run", lambda *_, **__: "")
-    assert "VerticalPodAutoscaler" in installation.obstacle(VPA)
-    assert installation.obstacle(LINUX) == ""
-
-
-def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
-    scalers = {one["metadata"]["name"]: one["spec"] for one in autoscalers(MISSION, 2)}
-    assert {one["updatePolicy"]["updateMode"] for one in scalers.values()} == {"InPlaceOrRecreate"}
-    own, others = scalers["imu"]["resourcePolicy"]["containerPolicies"]
-    assert (own["minAllowed"], own["maxAllowed"]) == ({"cpu": "250m"}, {"cpu": "300m"})
-    assert others == {"containerName": "*", "mode": "Off"}
-    slam, _ = scalers["slam"]["resourcePolicy"]["containerPolicies"]  # has no `min` of its own
-    assert (slam["minAllowed"], slam["maxAllowed"]) == ({"cpu": "10m"}, {"cpu": "1050m"})
 
 
 @pytest.mark.parametrize(

@@ -146,14 +146,14 @@ def test_a_total_time_stands_beside_that_of_the_same_work_as_well():
     assert row(text, "exp3", "Linux default, gated")[2:4] == ["1.25 [1.25, 1.25]", "-"]
 
 
-ABSENT = [Absent("heavy", story, "vpa", 0, "no autoscaler") for story in ("library", "hotel")]
+ABSENT = [Absent("heavy", story, "limits", 0, "no agent") for story in ("library", "hotel")]
 
 
 def test_what_was_not_run_has_a_row_and_a_reason():
     text = tables.of_load(evidence(a_run("linux"), absent=ABSENT), HEAVY)
-    assert row(text, "VPA in place") == ["VPA in place", "not run", *["-"] * 7]
+    assert row(text, "context limits") == ["context limits", "not run", *["-"] * 7]
     assert tables.absences(evidence(a_run("linux"), absent=ABSENT)) == (
-        "- VPA in place, heavy load, 2 runs: not run: no autoscaler.\n"
+        "- context limits, heavy load, 2 runs: not run: no agent.\n"
     )
     assert tables.absences(SOME) == ""
 
