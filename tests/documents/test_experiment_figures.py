@@ -100,7 +100,8 @@ def test_what_light_load_costs():
 
 
 def test_what_the_player_lost_under_light_load():
-    late, lost, fewer = defaultdict(list), Counter(), []
+    late, fewer = defaultdict(list), []
+    lost: Counter[str] = Counter()
     for path in sorted((DATA / "blocks").glob("3-light-*.json.xz")):
         for one in records(path.read_bytes()):
             samples, pieces = sorted(one.late["robot/imu/raw"]), one.columns["speech"]["audio"].fates.count("l")

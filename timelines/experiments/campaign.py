@@ -58,12 +58,6 @@ class Campaign:
         """Those of these runs that are not done yet."""
         return [trial for trial in trials if not self._has(trial)]
 
-    def leave_out(self, trials: Sequence[Trial], reason: str) -> None:
-        """Report that these runs, all of one configuration under one load, can't be done."""
-        first = trials[0]
-        self._progress.say(f"not run: {first.configuration.title}, {first.load} load: {reason}")
-        note_absent(self._bench.folders.data, [one.cell for one in trials], " ".join(reason.split())[:LONGEST])
-
     def run(self, trials: Sequence[Trial], *, until: Callable[[float], bool], commit: bool) -> int:
         """Do what is missing while `until` says that so many seconds are left; returns how many runs are left.
 
@@ -88,6 +82,12 @@ class Campaign:
         self._keep_what_was_lost(trials, commit=commit)
         return sum(not self._has(trial) for trial in missing)
 
+    def _leave_out(self, trials: Sequence[Trial], reason: str) -> None:
+        """Report that these runs, all of one configuration under one load, can't be done."""
+        first = trials[0]
+        self._progress.say(f"not run: {first.configuration.title}, {first.load} load: {reason}")
+        note_absent(self._bench.folders.data, [one.cell for one in trials], " ".join(reason.split())[:LONGEST])
+
     def _next(self, missing: Sequence[Trial], number: int) -> list[Trial]:
         """What has to end in time for this run to begin: itself, and all of its block where that is not begun yet.
 
@@ -110,7 +110,7 @@ class Campaign:
             self._record(trial)
         except (deploy.DeployError, ContextPolicyError) as error:
             own = trial.load, trial.configuration.name
-            self.leave_out(
+            self._leave_out(
                 [one for one in missing if (one.load, one.configuration.name) == own and not self._has(one)], str(error)
             )
             self._given_up.add(own)

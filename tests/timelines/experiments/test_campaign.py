@@ -129,16 +129,6 @@ def test_a_node_on_which_everything_fails_ends_the_runs(tmp_path):
     assert {one.reason for one in Evidence.read(tmp_path / "data").absent} == {"the node is gone"}
 
 
-def test_what_this_node_is_not_able_to_do_is_reported(monkeypatch, tmp_path):
-    monkeypatch.setattr(installation, "obstacle", lambda one: "it can't" if one is WEIGHTS else "")
-    lines = Lines()
-    made = Campaign(Bench(tmp_path), {}, {}, lines)
-    able = command._able(made, CHOSEN)
-    assert able == [trial for trial in CHOSEN if trial.configuration is LINUX]
-    assert lines.said == ["not run: context weights, heavy load: it can't"]
-    assert len(Evidence.read(tmp_path / "data").absent) == 2
-
-
 def test_each_run_has_its_loads_part_and_its_gatings_weights(tmp_path):
     bench = Bench(tmp_path)
     run(bench)
