@@ -77,6 +77,7 @@ class Workbench:
         self.folders = folders
         self.whole = WHOLE
         self._earlier = Earlier(Evidence.read(folders.data).every())
+        self._compared: set[Path] = set()
         self.took: dict[str, tuple[float, float]] = {}
         self._installed: tuple[bool, bool, float | None] | None = None  # nothing is
         self._schedules: dict[str, Schedule] = {}
@@ -98,6 +99,7 @@ class Workbench:
         capacity = Capacity(*found.about["capacity"])
         if capacity != setting.capacity:
             raise deploy.DeployError(f"{path}: on {capacity}, not {setting.capacity}: delete it, and its folder")
+        self._compare_with(path, Run(self.schedule(trial.story, setting.deadlines), found))
         return found
 
     def rejected(self, place: str, trial: Trial) -> list[Record]:
@@ -118,6 +120,12 @@ class Workbench:
             self._schedules[key] = schedule(story, timeline, self.folders.datasets, deadlines, cores)
         return self._schedules[key]
 
+    def _compare_with(self, path: Path, run: Run) -> None:
+        """Judge later runs by this one, also where an earlier call has done it and its block is not whole yet."""
+        if path not in self._compared:
+            self._compared.add(path)
+            self._earlier.add(run)
+
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
         began, timeline = dt.datetime.now(tz=dt.UTC), self._timeline(trial)
         due = self.schedule(trial.story, setting.deadlines)
@@ -129,7 +137,6 @@ class Workbench:
         if code_version(deploy.REPOSITORY) != self._code:
             (self._folder(place, trial) / RUN).unlink(missing_ok=True)  # it is played again, and not only read
             raise RecordError(f"{trial}: the code is not {self._code} any more: change nothing, and run it again")
-        self._earlier.add(Run(due, found))
         kept = replace(found, about={**found.about, "failures": failures})
         write_whole(self._file(place, trial), packed(kept.as_json()))
         self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())

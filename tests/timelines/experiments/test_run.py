@@ -9,6 +9,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
+from unittest.mock import Mock
 
 import pytest
 
@@ -18,7 +19,7 @@ from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
 from tests.timelines.experiments.made_up import ABOUT, a_run, at_speed
 from timelines.demo import cgroup, deploy
-from timelines.experiments import collect, earlier, healths, installation, metrics, workbench
+from timelines.experiments import collect, confine, earlier, healths, installation, metrics, workbench
 from timelines.experiments import run as run_module
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY, UNSLOWED, Trial
@@ -75,6 +76,7 @@ def node(monkeypatch):
         monkeypatch.setattr(run_module, "wait_until_calm", lambda: 0.1)
         monkeypatch.setattr(run_module, "as_service", lambda _: nullcontext())
         monkeypatch.setattr(run_module, "slowed", at_pace)
+        monkeypatch.setattr(confine, "punctual", nullcontext)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
         running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, keep_runs=True)
         yield
@@ -124,10 +126,18 @@ def test_limits_are_of_the_speed_that_is_expected_of_a_processor(node, monkeypat
     assert told == [pytest.approx(1.8)]
 
 
+def test_the_player_is_punctual(node, monkeypatch, tmp_path):  # noqa: ARG001
+    punctual = Mock(side_effect=nullcontext)
+    monkeypatch.setattr(confine, "punctual", punctual)
+    execute(TRIAL, conditions(tmp_path), tmp_path / "run")
+    punctual.assert_called_once_with()
+
+
 def test_realtime_runs_on_processors_as_they_are(node, monkeypatch, tmp_path):  # noqa: ARG001
-    """What slows them would compete with its tasks."""
+    """What slows them, and a player of realtime priority, would compete with its tasks."""
     monkeypatch.setattr(run_module, "speed", lambda _: 2 * WHOLE)
     monkeypatch.setattr(run_module, "slowed", None)
+    monkeypatch.setattr(confine, "punctual", None)
     execute(TRIAL._replace(load=UNSLOWED, configuration=REALTIME), conditions(tmp_path), tmp_path / "run")
     about = read_run(tmp_path / "run").about["about"]
     assert about["pace"] == {"speed": 2 * WHOLE, "left": 1.0, "worst": 1.0}
@@ -264,6 +274,17 @@ def test_a_run_is_expected_to_be_as_fast_as_the_one_before(monkeypatch, tmp_path
     for place in ("2-heavy-01", "2-heavy-02"):
         bench.record(place, TRIAL, workbench.Setting(Capacity(1, 0.4), {}), {})
     assert node.expected == [WHOLE, 1.5 * WHOLE]
+
+
+def test_a_run_of_an_earlier_call_is_compared_with_as_well(monkeypatch, tmp_path):
+    node, setting = Flaky(monkeypatch), workbench.Setting(Capacity(1, 0.4), {})
+    monkeypatch.setattr(earlier, "this_machine", lambda: ABOUT["machine"])
+    play(tmp_path)
+    bench = workbench.Workbench(workbench.Folders(*[tmp_path] * 4))
+    for place in ("2-heavy-01", "2-heavy-01", "2-heavy-02"):
+        bench.record(place, TRIAL, setting, {})
+    assert node.expected == [WHOLE, 1.5 * WHOLE]
+    assert sum(len(speeds) for speeds in bench._earlier._speeds.values()) == 2
 
 
 def test_a_run_that_was_played_before_it_was_interrupted_is_only_read(monkeypatch, tmp_path):
