@@ -97,6 +97,19 @@ def test_what_light_load_costs():
     assert f"{last[weights]} ms under context weights, {last[linux]} under Linux' default, {last[static]} under" in PAGE
     assert f"in {minute[linux]} runs of {len(runs[linux])} under Linux' default, {minute[static]} under" in PAGE
     assert f"{minute[weights]} under context weights and {minute[gated]} gated" in PAGE
+    allowed = 1.2 * fmean(run.tail("navigation") for run in runs[linux]) + 0.005  # the first law
+    assert f"{last[static]} under static weights; {1000 * allowed:.0f} are allowed" in PAGE
+
+
+def test_what_the_first_law_says_of_hit_rates():
+    sections = re.findall(
+        r"### first law: nobody [a-z ]*hits more than a point less.*?\n(.*?)\n###", DETAILS, re.DOTALL
+    )
+    gains = [float(gain) for one in sections for gain in re.findall(r"\| ([-+.\d]+) \[", one)]
+    least = re.findall(r"\| light \| first law: nobody [a-z ]*hits [^|]*\|.*\| ([\d.]+) \| not shown \|", REPORT)
+    gated, ungated = (f"{float(one):.2f}" for one in least)
+    assert f"no task hits more than {100 * (0.01 - min(gains)):.2f} points less" in PAGE
+    assert f"p is {gated} (gated) and {ungated}" in PAGE
 
 
 def test_what_the_player_lost_under_light_load():
