@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
 PASSES = 2
-"""A thread that is started meanwhile has its starter's processors, old or new."""
+"""A thread that is started meanwhile has its starter's processors and priority, old or new."""
 PLAYERS = 1
 """Our realtime priority: below a thief's, whose part of each period has to be exact."""
 
@@ -51,7 +52,7 @@ def keep_off(processors: set[int]) -> Iterator[None]:
 
 @contextmanager
 def punctual() -> Iterator[None]:
-    """Run our own threads before all tasks: a camera does not wait for the CPU that these contend for.
+    """Run what plays, records and orders the wheels before all tasks: a camera does not wait for CPU as they do.
 
     As ordinary threads they waited longer the more the tasks weighed together, sent what was overdue in heaps, and
     lost some of it. Threads that are started meanwhile inherit the priority.
@@ -70,7 +71,7 @@ def _move(processors: set[int]) -> None:
 
 
 def _schedule(policy: int, priority: int) -> None:
-    for thread in _own_threads():
+    for thread in chain.from_iterable(_own_threads() for _ in range(PASSES)):
         with suppress(ProcessLookupError):
             os.sched_setscheduler(thread, policy, os.sched_param(priority))
 

@@ -171,4 +171,4 @@ def cases(verdict: Verdict) -> str:
     rows = [
         [one.name, short(one.value), short(one.base), gain(one.gain), f"{one.probability:.3g}"] for one in verdict.cases
     ]
-    return table(["", "value", "against", "better than asked by", "p"], rows)
+    return table(["", "value", "against", "margin", "p"], rows)

@@ -51,22 +51,22 @@ class Goal:
 
 GOALS: Sequence[Goal] = (
     Goal(
-        "each context's critical task hits as alone, less 2 points (gated)",
+        "each context's critical task keeps its solo hit rate, less 2 points (gated)",
         *(HEAVY, WEIGHTS_GATED.name, ALONE.name, "critical hit rate"),
         offset=-2 * POINT,
     ),
     Goal(
-        "each context's critical task hits as alone, less 2 points (nothing suspended)",
+        "each context's critical task keeps its solo hit rate, less 2 points (nothing suspended)",
         *(HEAVY, WEIGHTS.name, ALONE.name, "critical hit rate"),
         offset=-2 * POINT,
     ),
     Goal(
-        "no critical or protected task that is judged is more than 2 points less accurate than alone",
+        "each critical or protected task that is judged is as accurate as alone, less 2 points",
         *(HEAVY, WEIGHTS_GATED.name, ALONE.name, "accuracy"),
         offset=-2 * POINT,
     ),
     Goal(
-        "no critical or protected task covers more than 2 points less than alone",
+        "each critical or protected task covers as much as alone, less 2 points",
         *(HEAVY, WEIGHTS_GATED.name, ALONE.name, "coverage"),
         offset=-2 * POINT,
     ),
@@ -87,17 +87,17 @@ GOALS: Sequence[Goal] = (
         offset=5 * POINT,
     ),
     Goal(
-        "first law: nobody that runs hits more than a point less",
+        "first law: the hit rate of no task that runs drops by more than a point",
         *(LIGHT, WEIGHTS_GATED.name, LINUX.name, "hit rate"),
         offset=-POINT,
     ),
     Goal(
-        "first law: nobody hits more than a point less (nothing suspended)",
+        "first law: the hit rate of no task drops by more than a point (nothing suspended)",
         *(LIGHT, WEIGHTS.name, LINUX.name, "hit rate"),
         offset=-POINT,
     ),
     Goal(
-        "first law: nobody's p99 (p90 of fewer than 100 inputs) is longer by more than 20 % and 5 ms",
+        "first law: the p99 of no task (p90 of fewer than 100 inputs) grows by more than 20 % plus 5 ms",
         *(LIGHT, WEIGHTS_GATED.name, LINUX.name, "tail"),
         factor=1.2,
         offset=0.005,

@@ -10,7 +10,6 @@ from timelines.experiments import detail_tables, doubts, pictures, rates, tables
 from timelines.experiments.blocks import HEAVY, LIGHT, PAPERS_LOAD, SWEEP, UNSLOWED
 from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import (
-    ALONE,
     CONFIGURATIONS,
     DIVISIONS,
     FACTORS,
@@ -46,11 +45,17 @@ FIRST_PAGE = [one.name for one in FACTORS]
 """What its tables of hit rates have."""
 RIVALS = (("drive", "slam"), ("read", "signs"))
 """The two tasks that contend, each with the context in which it matters most."""
+SPARE = "signs-left"
+"""What is done where CPU is left."""
 CORES = """\
 The tasks' CPU is what slows the processors leaves them. The control includes the router.
 """
+SWEPT = """\
+Brackets of three blocks are their range. The ten are [of an earlier router, reader of signs and set of static
+weights](../../docs/measurements/paper-experiments.md).
+"""
 COSTS = """\
-What was done in time of **all** that came, wanted by a context or not, and what came of it:
+In time of **all** that came, wanted or not, and what came of it:
 """
 THREATS = """\
 - **Four earlier attempts** with other held-out stories, and ten light blocks of these stories, are left out: goals were
@@ -63,21 +68,23 @@ THREATS = """\
   nearly sufficed, and 1.4 taken instead of 1.26, where static weights sufficed. Queues, `min` and deadlines followed
   from pilots that context weights missed.
 - **Runs are repeated** where the same inputs took 12 % more or less work, which is the CPU goal's own measure and took
-  out runs of static weights that did better, where messages were lost, and where the player was late
-  ([every first attempt instead](details.md#if-each-runs-first-attempt-counted)).
+  out good runs of static weights and, under light load, bad ones of Linux default, where messages were lost, and where
+  the player was late ([every first attempt instead](details.md#if-each-runs-first-attempt-counted)).
+- Under light load the player, an ordinary process, [waited and lost
+  inputs](../../docs/measurements/paper-experiments.md) where tasks weigh more. Since then it has realtime priority.
 - Cores of a virtual server, kept at a pace by threads that judge it themselves; a board's caches and memory differ. One
   kernel, cgroup v1, one kind of machine. Limits divide CPU time by a speed that [may be
   off](details.md#what-the-machine-was-measured-to-do).
 - The kubelet, the API server and the operator may run beside the tasks' processor: what control costs is then not in
   the hit rates. No context lasts the 30 s after which the API follows.
-- Ten blocks may have nothing of what fails in one of ten. Each task alone comes from few runs; the one that asks most
+- Ten blocks can miss what fails once in ten. Each task alone comes from few runs; the strictest
   counts. Of eleven signs in a block one that is missed decides its goal.
 - Linux default is what the chart requests, 10m a task, also the least of a static weight. SCHED_RR, pinning and a
   VerticalPodAutoscaler were not run.
 """
 RIVALRY = """\
 Each point is one set of weights that the search for static ones tried, on its first story, once. A set that keeps both
-tasks is at the top right; where there is one, contexts are not needed.
+tasks is at the top right; where there is one, contexts gain no deadlines.
 """
 REPEAT = """\
     make experiments                                             # all of it; goes on where it stopped
@@ -108,10 +115,13 @@ def _first_page(evidence: Evidence, found: Sequence[Verdict]) -> Iterator[str]:
             yield rows
         if rows and load == HEAVY:
             yield COSTS
-            yield tables.costs(evidence, load, [*SHOWN, ALONE.name])
+            yield tables.costs(evidence, load, SHOWN)
     absent = tables.absences(evidence)
     if absent:
         yield absent
+    not_yet = tables.not_yet(evidence)
+    if not_yet:
+        yield f"Not run yet: {not_yet}.\n"
     yield "## Goals of context weights, gated unless nothing is suspended\n"
     yield tables.goals(found)
     yield _static(evidence)
@@ -127,11 +137,13 @@ def _headline(evidence: Evidence) -> str:
     every = {
         name: " and ".join(tables.in_time(rates.endings(own, task)) for _, task in RIVALS) for name, own in runs.items()
     }
+    left = {name: tables.in_time(rates.endings(own, SPARE)) for name, own in runs.items()}
     return (
         f"Under heavy load **context weights did {hits[WEIGHTS.name]} % of SLAM's frames while driving and of signs'"
         f" pictures while reading in time**, the best static weights that were found {hits[STATIC.name]} %, Linux"
-        f" default {hits[LINUX.name]} %. Somebody pays: of all frames and pictures context weights did"
-        f" {every[WEIGHTS.name]} %, static weights {every[STATIC.name]} %.\n\n"
+        f" default {hits[LINUX.name]} %. Somebody pays: of all frames and pictures to the right context weights did"
+        f" {every[WEIGHTS.name]} %, static weights {every[STATIC.name]} %, of those to the left, which never matter"
+        f" most, {left[WEIGHTS.name]} and {left[STATIC.name]} %.\n\n"
     )
 
 
@@ -162,14 +174,13 @@ def _machine(evidence: Evidence) -> str:
     if not loads:
         used = sorted({f"{one.load} load: {Capacity(*one.about['capacity'])}" for one in every})
         return f"{words[0]} **Nothing was calibrated: a quick look** ({', '.join(used)}).\n"
-    asked = evidence.frozen["asked"]
+    asked, played = evidence.frozen["asked"], {one.load for one in every}
     shared = (
-        f"{load} load: {asked[load]:g} times what there is, {_capacity(every, load, *own)}"
+        f"{load} load {asked[load]:g} times {_capacity(every, load, *own)}"
         for load, own in loads.items()
+        if load in played
     )
-    words.append(
-        f"Asked of the processors, and how many there are with which part of a whole one: {'; '.join(shared)}."
-    )
+    words.append(f"The tasks want, of so many processors at such a part of a whole one's pace: {', '.join(shared)}.")
     return " ".join(words) + "\n"
 
 
@@ -194,7 +205,7 @@ def _codes(every: Sequence[Record]) -> str:
 
 
 def _static(evidence: Evidence) -> str:
-    """Which divisions reach what context weights are asked for: where a static one does, contexts are not needed."""
+    """Which divisions reach what context weights are asked for: where a static one does, contexts gain no deadlines."""
     lines = []
     for goal in GOALS:
         if goal.metric == "critical hit rate" and goal.configuration in (WEIGHTS.name, WEIGHTS_GATED.name):
@@ -205,7 +216,7 @@ def _static(evidence: Evidence) -> str:
                 "none of those that were measured" if False in found.values() else "not measured, or in too few blocks"
             )
             lines.append(f"- {'gated' if gated else 'nothing suspended'}: {', '.join(reach) or none}.\n")
-    return "Which configurations reach the goal of the critical tasks (uncorrected):\n\n" + "".join(lines)
+    return "The critical tasks' goal is reached (uncorrected) by:\n\n" + "".join(lines)
 
 
 def _reaches(evidence: Evidence, goal: Goal, configuration: str) -> bool | None:
@@ -223,8 +234,8 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
     if pictures.draw_responses(evidence, HEAVY, figures / "responses.svg"):
         yield "![Response times of the critical tasks as cumulated parts of what was due](figures/responses.svg)\n"
     if sweep := tables.sweep(evidence):
-        yield "## From which load on contexts are needed: hit rates in the worst context, in percent\n"
-        yield sweep
+        yield "## From which load on contexts help: hit rates in the worst context, in percent\n"
+        yield f"{SWEPT}\n{sweep}"
     chains = tables.chains(evidence, HEAVY, SHOWN)
     if chains:
         yield "## From the camera, and from a word, to the wheels while driving; heavy load\n"

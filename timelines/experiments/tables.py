@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending, Tally
-from timelines.experiments.blocks import HEAVY, PAPERS_LOAD, SWEEP, UNSLOWED
+from timelines.experiments.blocks import HEAVY, PAPERS_LOAD, PLAN, SWEEP, UNSLOWED
 from timelines.experiments.calibration import LOADS
 from timelines.experiments.configurations import ALONE, CONFIGURATIONS, DIVISIONS, LINUX, LINUX_GATED, PAPERS
 from timelines.experiments.paired import bootstrap
@@ -75,7 +75,11 @@ def sweep(evidence: Evidence) -> str:
         [one.title, *(percent(rates.worst_context(found[load].get(one.name, ()))) for load in loads)]
         for one in DIVISIONS
     ]
-    return table(["", *(f"{LOADS[load]:g}" for load in loads)], rows)
+    return table(["", *(f"{LOADS[load]:g}" for load in loads)], [_counts(found), *rows])
+
+
+def _counts(found: Mapping[str, Mapping[str, Sequence[Run]]]) -> list[str]:
+    return ["blocks", *(_blocks([run for runs in own.values() for run in runs]) for own in found.values())]
 
 
 def goals(found: Iterable[Verdict]) -> str:
@@ -86,7 +90,7 @@ def goals(found: Iterable[Verdict]) -> str:
         measured = f"{case.name}: {short(case.value)} against {short(case.base)}" if case else NONE
         better = gain(case.gain) if case else NONE
         rows.append([one.goal.load, one.goal.name, measured, better, f"{one.probability:.3g}", _word(one)])
-    return table(["load", "goal", "least sure case", "better than asked by", "p (Holm)", ""], rows)
+    return table(["load", "goal", "least sure case", "margin", "p (Holm)", ""], rows)
 
 
 def _word(found: Verdict) -> str:
@@ -98,7 +102,7 @@ def _word(found: Verdict) -> str:
 
 
 def gain(found: Interval) -> str:
-    """By how much something is better than asked, with its interval."""
+    """A margin with its interval."""
     return f"{found.mean:+.3g} [{found.low:+.3g}, {found.high:+.3g}]"
 
 
@@ -160,6 +164,18 @@ def absences(evidence: Evidence) -> str:
     )
 
 
+def not_yet(evidence: Evidence) -> str:
+    """What the plan has and was not begun, by load. Empty where all was."""
+    lacking: dict[str, list[str]] = {}
+    begun = {load for load, _, _ in evidence.runs}
+    for part in PLAN:
+        run = runs_of(evidence, part.load)
+        titles = [one.title for one in part.configurations if one.name not in run]
+        if titles:
+            lacking.setdefault(f"{part.load} load", []).extend(titles if part.load in begun else ())
+    return ", ".join(f"{load} ({'; '.join(titles)})" if titles else load for load, titles in lacking.items())
+
+
 def alone(evidence: Evidence) -> str:
     """How often each task was run alone, and how blocks are compared with that. Empty without any."""
     counts = {
@@ -169,8 +185,8 @@ def alone(evidence: Evidence) -> str:
         return ""
     times = " or ".join(str(one) for one in sorted(counts))
     return (
-        f"Runs of each task alone by story and load: {times}. In each case every block is compared with the one of"
-        " them that asks most.\n"
+        f"Runs of each task alone by story and load: {times}. In each case every block is compared with the stricter"
+        " of them.\n"
     )
 
 

@@ -76,16 +76,17 @@ def test_what_plays_and_records_stays_away_from_the_tasks_where_there_is_room():
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs permission to use realtime priorities")
 def test_what_plays_runs_before_the_tasks_and_after_what_slows_the_processors():
-    before = os.sched_getscheduler(0)
-    with punctual():
-        other = threading.Event()
-        beside = threading.Thread(target=other.wait)
-        beside.start()
-        for thread in (0, beside.native_id or 0):
-            assert os.sched_getscheduler(thread) == os.SCHED_FIFO
-            assert 0 < os.sched_getparam(thread).sched_priority < thief.PRIORITY
+    before, end = os.sched_getscheduler(0), threading.Event()
+    there, later = threading.Thread(target=end.wait), threading.Thread(target=end.wait)
+    there.start()
     try:
-        assert os.sched_getscheduler(0) == os.sched_getscheduler(beside.native_id or 0) == before
+        with punctual():
+            later.start()
+            for thread in (0, there.native_id or 0, later.native_id or 0):
+                assert os.sched_getscheduler(thread) == os.SCHED_FIFO
+                assert 0 < os.sched_getparam(thread).sched_priority < thief.PRIORITY
+        assert {os.sched_getscheduler(one) for one in (0, there.native_id or 0, later.native_id or 0)} == {before}
     finally:
-        other.set()
-        beside.join()
+        end.set()
+        there.join()
+        later.join()

@@ -8,7 +8,7 @@ import pytest
 
 from tests.timelines.experiments.made_up import SCHEDULE, a_run, at_speed, evidence, some_runs
 from timelines.experiments import detail_tables, doubts, tables
-from timelines.experiments.blocks import HEAVY
+from timelines.experiments.blocks import HEAVY, PLAN
 from timelines.experiments.evidence import Absent
 from timelines.experiments.verdicts import verdicts
 
@@ -156,6 +156,22 @@ def test_what_was_not_run_has_a_row_and_a_reason():
         "- context limits, heavy load, 2 runs: not run: no agent.\n"
     )
     assert tables.absences(SOME) == ""
+
+
+def test_what_was_not_begun_is_listed():
+    every = [
+        *(
+            a_run(one.name, load=part.load, story=story.name)
+            for part in PLAN
+            for one in part.configurations
+            for story in part.stories
+        ),
+    ]
+    assert tables.not_yet(evidence(*every)) == ""
+    some = [run for run in every if run.load not in {"1.6", "unslowed"} and not run.configuration.endswith("adaptive")]
+    assert tables.not_yet(evidence(*some)) == (
+        "1.6 load, heavy load (Linux default, gated, adaptive; context weights, gated, adaptive), unslowed load"
+    )
 
 
 def test_report_counts_the_solo_runs_that_all_blocks_share():
