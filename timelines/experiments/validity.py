@@ -49,7 +49,7 @@ def _pace(pace: Mapping[str, float]) -> Iterator[str]:
 
 
 def _player(late: Mapping[str, Sequence[int]]) -> Iterator[str]:
-    """Whether the player was late so often that its inputs came in heaps."""
+    """Whether the player was late so often that its inputs came in bursts."""
     every = [one > TOO_LATE * TENTHS for own in late.values() for one in own]
     part = sum(every) / max(len(every), 1)
     if part > SELDOM:

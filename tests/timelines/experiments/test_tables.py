@@ -191,7 +191,7 @@ def test_other_loads_stand_beside_the_heavy_one():
 
 
 def test_goals_show_their_least_sure_case():
-    goal = "no critical or protected task covers more than 2 points less than alone"
+    goal = "each critical or protected task covers as much as alone, less 2 points"
     cells = row(tables.goals(verdicts(SOME)), "heavy", goal)
     assert cells[2:] == ["drive: slam: 1 against 1", "+0.02 [+0.02, +0.02]", "0.00977", "met"]
 
