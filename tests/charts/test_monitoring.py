@@ -251,6 +251,21 @@ def test_each_alert_is_tested_on_a_healthy_and_a_failing_robot():
     assert asked <= well
 
 
+def test_texts_that_are_tested_are_those_of_the_alerts():
+    """promtool compares them whole, and runs in tests/heavy only: here what is written between the labels."""
+    tests = yaml.safe_load((REPOSITORY / "tests" / "charts" / "alerts_test.yaml").read_text(encoding="utf-8"))["tests"]
+    expected = [
+        (one["alertname"], alert["exp_annotations"]["description"])
+        for test in tests
+        for one in test.get("alert_rule_test", ())
+        for alert in one.get("exp_alerts", ())
+    ]
+    assert expected
+    for name, text in expected:
+        written = re.split(r"\{\{.*?\}\}", RULES[name]["annotations"]["description"])
+        assert re.fullmatch(".*".join(re.escape(part) for part in written), text), name
+
+
 def test_each_alert_links_to_what_to_do():
     """That the anchors exist: see test_operating."""
     base = VALUES["metrics"]["alerts"]["runbookUrl"]

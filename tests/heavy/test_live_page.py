@@ -408,7 +408,7 @@ def test_deleted_policy_is_shown_as_not_found(desk, watched):
 
 def test_switching_policies_hides_the_previous_data(desk, watched):
     watched.alter_boards = lambda boards: [*boards, *({**board, "policy": "lab/other"} for board in boards)]
-    until_it_asks_again(desk, watched)
+    desk.wait_for("[...policy.options].some(option => option.value == 'lab/other')")
     watched.hangs.set()
     desk.value("policy.value = 'lab/other'; policy.dispatchEvent(new Event('change'))")
     assert "No data from lab/other" in text(desk, "headline")
