@@ -104,6 +104,18 @@ def test_what_light_load_costs(name, light):
     assert f"| {CONFIGURATIONS[name].title} | {' | '.join(cells)} |" in PAGE
 
 
+def test_what_was_lost_follows_what_was_late(light):
+    near, lost = [], []
+    for run in (run for own in light.values() for run in own):
+        late = run.record.late["robot/imu/raw"]
+        for number, fate in enumerate(run.record.columns["imu"]["raw"].fates):
+            near.append(max(late[max(0, number - 20) : number + 1]) > 50)  # 0.1 s at 200 Hz, and 5 ms
+            lost.append(fate == "l")
+    both = sum(a and b for a, b in zip(near, lost, strict=True))
+    assert f"of {sum(lost)} lost IMU samples {both} came at most 0.1 s after one that was more than 5 ms late" in PAGE
+    assert f"as did {100 * fmean(near):.0f} % of all" in PAGE
+
+
 def test_what_is_said_of_light_load(light):
     slam = {name: f"{100 * fmean(run.tally('slam').hit for run in own):.1f}" for name, own in light.items()}
     last = {name: 1000 * fmean(run.tail("navigation") for run in own) for name, own in light.items()}

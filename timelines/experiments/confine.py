@@ -54,7 +54,7 @@ def keep_off(processors: set[int]) -> Iterator[None]:
 def punctual() -> Iterator[None]:
     """Run what plays, records and orders the wheels before all tasks: a camera does not wait for CPU as they do.
 
-    As ordinary threads they waited longer the more the tasks weighed together, sent what was overdue in bursts, and
+    As ordinary threads they waited longer under weights than under Linux default, sent what was overdue in bursts, and
     lost some of it. Threads that are started meanwhile inherit the priority.
     """
     _schedule(os.SCHED_FIFO, PLAYERS)

@@ -71,7 +71,7 @@ THREATS = """\
   out good runs of static weights and, under light load, bad ones of Linux default, where messages were lost, and where
   the player was late ([every first attempt instead](details.md#if-each-runs-first-attempt-counted)).
 - Under light load the player, an ordinary process, [waited and lost
-  inputs](../../docs/measurements/paper-experiments.md) where tasks weigh more. Since then it has realtime priority.
+  inputs](../../docs/measurements/paper-experiments.md) under weights. Since then it has realtime priority.
 - Cores of a virtual server, kept at a pace by threads that judge it themselves; a board's caches and memory differ. One
   kernel, cgroup v1, one kind of machine. Limits divide CPU time by a speed that [may be
   off](details.md#what-the-machine-was-measured-to-do).
