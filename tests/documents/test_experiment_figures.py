@@ -10,10 +10,11 @@ from statistics import fmean, median
 import pytest
 
 from timelines.experiments.accounting import Ending
-from timelines.experiments.configurations import CONFIGURATIONS
+from timelines.experiments.configurations import CONFIGURATIONS, LINUX, PAPERS
 from timelines.experiments.evidence import read_schedule
 from timelines.experiments.metrics import Run
 from timelines.experiments.record import records
+from timelines.experiments.stories import PAPER, STORIES
 
 ROOT = Path(__file__).parents[2]
 REPORT, DETAILS, README, PAGE, PREDICTION, REACTION = (
@@ -75,6 +76,23 @@ def test_what_contexts_gain_and_cost(row, page, heavy, costs):
 @pytest.mark.parametrize("row", ROWS)
 def test_from_which_load_on_contexts_help(row):
     assert f"| {row} | {' | '.join(list(table('1.25')[row].values())[1:])} |" in PAGE
+
+
+@pytest.mark.parametrize("row", [CONFIGURATIONS[one.name].title for one in PAPERS if one is not LINUX])
+def test_the_papers_total_times(row):
+    assert f"| {row} | {' | '.join(list(table('exp1')[row].values())[1:])} |" in PAGE
+
+
+def test_how_much_sooner_the_papers_stories_could_end_at_all():
+    """None ends before its last input comes."""
+    took = defaultdict(list)
+    paths = sorted((DATA / "blocks").glob("7-paper-*.json.xz"))
+    for one in (one for path in paths for one in records(path.read_bytes())):
+        if one.configuration == LINUX.name:
+            took[one.story].append(one.about["finished"] / STORIES[one.story].seconds)
+    most = ", ".join(f"{fmean(took[story.name]):.2f} ({story.name})" for story in PAPER)
+    assert f"at most {most}" in PAGE
+    assert f"exp1 to exp3, {len(paths)} blocks" in PAGE
 
 
 @pytest.fixture(scope="module")

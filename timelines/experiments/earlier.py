@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from timelines.experiments.metrics import Run
     from timelines.experiments.record import Record
 
-LATEST = 5
+LATEST = 3
 """Runs whose median says how fast the next one will be: a single one may have been disturbed."""
 FEW = 5
 """Runs of a story under a load that are too few to say how much work its inputs are."""
@@ -62,11 +62,15 @@ class Earlier:
 
     def add(self, run: Run) -> None:
         """Note a run that counts."""
-        self._speeds[Kind.of(run.record)].append(float(run.record.about["pace"]["speed"]))
+        self.note_speed(run.record)
         work = self._work(run)
         if work is not None and run.record.configuration != ALONE.name:
             self._works[_alike(run.record)].append(work)
         self._first.setdefault(run.record.story, run)
+
+    def note_speed(self, record: Record) -> None:
+        """Note how fast the processors were, also in an attempt that does not count: the next one follows it."""
+        self._speeds[Kind.of(record)].append(float(record.about["pace"]["speed"]))
 
     def expected(self, wanted: Kind) -> float:
         """How fast such processors will be, in turns of the loop in a second of CPU.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import json
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
@@ -26,7 +27,7 @@ from timelines.experiments.tasks import TASKS, module
 from timelines.experiments.validity import RejectedError, reasons
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from timelines.experiments.blocks import Trial
@@ -127,12 +128,9 @@ class Workbench:
             self._earlier.add(run)
 
     def _do(self, place: str, trial: Trial, setting: Setting, weights: Mapping[str, int]) -> None:
-        began, timeline = dt.datetime.now(tz=dt.UTC), self._timeline(trial)
+        began = dt.datetime.now(tz=dt.UTC)
         due = self.schedule(trial.story, setting.deadlines)
-        expected = self._earlier.expected(Kind.here(setting.capacity, trial.configuration.name))
-        conditions = Conditions(
-            timeline, self.folders.datasets, setting.capacity, self.whole, expected, weights, self._code
-        )
+        conditions = partial(self._conditions, trial, setting.capacity, weights)
         found, failures = self._tried(place, trial, conditions, due)
         if code_version(deploy.REPOSITORY) != self._code:
             (self._folder(place, trial) / RUN).unlink(missing_ok=True)  # it is played again, and not only read
@@ -141,7 +139,15 @@ class Workbench:
         write_whole(self._file(place, trial), packed(kept.as_json()))
         self.took[f"{place}/{trial.name}"] = (trial.seconds, (dt.datetime.now(tz=dt.UTC) - began).total_seconds())
 
-    def _tried(self, place: str, trial: Trial, conditions: Conditions, due: Schedule) -> tuple[Record, list[str]]:
+    def _conditions(self, trial: Trial, capacity: Capacity, weights: Mapping[str, int]) -> Conditions:
+        """What the next attempt happens under: how fast its processors will be, the ones before show."""
+        expected = self._earlier.expected(Kind.here(capacity, trial.configuration.name))
+        timeline = self._timeline(trial)
+        return Conditions(timeline, self.folders.datasets, capacity, self.whole, expected, weights, self._code)
+
+    def _tried(
+        self, place: str, trial: Trial, conditions: Callable[[], Conditions], due: Schedule
+    ) -> tuple[Record, list[str]]:
         """Do a run, TRIES times at most where anything fails, and return what failed: it is kept with the record.
 
         A run that the machine disturbed says nothing of the node, and is repeated more often.
@@ -154,21 +160,22 @@ class Workbench:
             try:
                 if not (folder / RUN).exists():
                     self._install(trial)
-                    execute(trial, conditions, folder)
-                return self._accepted(trial, conditions.timeline, folder, due), failures
+                    execute(trial, conditions(), folder)
+                return self._accepted(trial, folder, due), failures
             except Exception as error:  # whatever it is: one run must not end a night of them
                 self._installed = None  # everything is installed again, whatever was there
                 (folder / RUN).unlink(missing_ok=True)  # what can't be understood is played again
                 failures.append(f"{type(error).__name__}: {error}"[:LONGEST])
                 if isinstance(error, RejectedError):
                     self._set_aside(place, trial, error)
+                    self._earlier.note_speed(error.record)
                 broken += not isinstance(error, DisturbedError)
                 if broken == TRIES or len(failures) == DISTURBED:
                     raise deploy.DeployError(f"failed {len(failures)} times, at last: {error}") from error
 
-    def _accepted(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
+    def _accepted(self, trial: Trial, folder: Path, due: Schedule) -> Record:
         """The record of a run that was played; RejectedError if it does not count."""
-        found = self._understood(trial, timeline, folder, due)
+        found = self._understood(trial, folder, due)
         why = [*reasons(found), *self._earlier.reasons(Run(due, found))]
         if why:
             raise RejectedError(found, why)
@@ -184,8 +191,8 @@ class Workbench:
     def _set_aside_files(self, place: str, trial: Trial) -> list[Path]:
         return sorted(self._file(place, trial).parent.glob(f"{trial.name}{REJECTED}*{ENDING}"))
 
-    def _understood(self, trial: Trial, timeline: Path, folder: Path, due: Schedule) -> Record:
-        run, judge = read_run(folder), Judge(load(timeline), due, self.folders.datasets)
+    def _understood(self, trial: Trial, folder: Path, due: Schedule) -> Record:
+        run, judge = read_run(folder), Judge(load(self._timeline(trial)), due, self.folders.datasets)
         return collect.record(trial, run, due, judge.accuracy(run))
 
     def _install(self, trial: Trial) -> None:

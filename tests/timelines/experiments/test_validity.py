@@ -32,6 +32,25 @@ def test_processors_that_had_another_pace_do_not_count(left, worst, said):
     assert said in reason
 
 
+def under(configuration, speed):
+    run = a_run(configuration)
+    return replace(run, about={**run.about, "expected": 1e6, "pace": {**ABOUT["pace"], "speed": 1e6 * speed}})
+
+
+@pytest.mark.parametrize("speed", [0.46, 0.79, 1.21])
+def test_limits_that_counted_on_another_speed_do_not_count(speed):
+    """As measured: the host halved its speed between two runs, and limits allowed half the work."""
+    (reason,) = reasons(under("limits", speed))
+    assert reason == f"the processors were {speed:.0%} as fast as the limits counted on: expected 80% to 120%"
+
+
+@pytest.mark.parametrize(
+    ("configuration", "speed"), [("limits-gated", 0.81), ("limits-resized", 1.19), ("weights", 0.46)]
+)
+def test_limits_that_counted_on_about_the_speed_count_and_weights_count_on_none(configuration, speed):
+    assert list(reasons(under(configuration, speed))) == []
+
+
 def test_a_run_during_which_the_machine_stood_still_does_not_count():
     """What comes late comes all at once: it says nothing about who gets the CPU."""
     (reason,) = reasons(replace(a_run("linux"), late={"robot/camera/stereo": [10, 0, 2001, 2001]}))
