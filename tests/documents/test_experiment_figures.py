@@ -92,7 +92,7 @@ def test_how_much_sooner_the_papers_stories_could_end_at_all():
             took[one.story].append(one.about["finished"] / STORIES[one.story].seconds)
     most = ", ".join(f"{fmean(took[story.name]):.2f} ({story.name})" for story in PAPER)
     assert f"at most {most}" in PAGE
-    assert f"exp1 to exp3, {len(paths)} blocks" in PAGE
+    assert f"exp1 to exp3, {len(paths)} block" in PAGE
 
 
 @pytest.fixture(scope="module")

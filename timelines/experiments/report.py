@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from statistics import fmean
 from typing import TYPE_CHECKING
 
 from timelines.experiments import detail_tables, doubts, pictures, rates, tables
@@ -47,15 +46,17 @@ RIVALS = (("drive", "slam"), ("read", "signs"))
 """The two tasks that contend, each with the context in which it matters most."""
 SPARE = "signs-left"
 """What is done where CPU is left."""
+CALIBRATED = "what-was-calibrated-and-then-frozen"
+"""Where the details have it."""
 CORES = """\
 The tasks' CPU is what slows the processors leaves them. The control includes the router.
 """
 SWEPT = """\
-Brackets of three blocks are their range. The ten are [of an earlier router, reader of signs and set of static
+Brackets of three blocks are ranges. The ten are [of an earlier router, reader and static
 weights](../../docs/measurements/paper-experiments.md).
 """
 COSTS = """\
-In time of **all** that came, wanted or not, and what came of it:
+In time of **all** that came, wanted or not, and what came of it, where divisions differ:
 """
 THREATS = """\
 - **Four earlier attempts** with other held-out stories, and ten light blocks of these stories, are left out: goals were
@@ -63,33 +64,32 @@ THREATS = """\
   showed](../../docs/measurements/paper-experiments.md#earlier-attempts)). These stories were written after the four, by
   the same people; p is of this attempt alone.
 - Stories are invented, signs rendered, speech synthesised, stereo pictures recorded: no missing command changes the
-  way. Only SLAM and signs contend. Of five stops said while driving the same two are recognised each time.
+  way. Only SLAM and signs contend.
 - **The load was chosen after pilots**: a second camera was added, since without it Linux default nearly sufficed, and
   1.4 taken instead of 1.26, where static weights sufficed. Queues, `min` and deadlines followed from pilots that
   context weights missed.
 - **Runs are repeated** where the player was late, messages were lost, or the same inputs took 12 % more or less work:
   the CPU goal's own measure, which took out good runs of static weights and bad ones of Linux default ([every first
   attempt instead](details.md#if-each-runs-first-attempt-counted)).
-- Under light load the player, an ordinary process, [waited and lost
-  inputs](../../docs/measurements/paper-experiments.md) under weights. Since then it has realtime priority.
+- Under light load the player [was late and lost inputs](../../docs/measurements/paper-experiments.md) under weights. It
+  has realtime priority since.
 - Cores of virtual servers, kept at a pace by threads that judge it themselves; a board's caches and memory differ. One
   kernel release, cgroup v1. Limits divide CPU time by a speed that [may be
   off](details.md#what-the-machine-was-measured-to-do).
 - The kubelet, the API server and the operator may run beside the tasks' processor: hit rates don't have what control
   costs then. No held-out context lasts the 30 s after which the API follows.
-- Ten blocks can miss what fails once in ten. Of the few runs of each task alone the strictest counts. One missed sign of
-  a block's eleven decides its goal.
-- Linux default is what the chart requests, 10m a task, also the least of a static weight. SCHED_RR, pinning and a
-  VerticalPodAutoscaler were not run.
+- Ten blocks can miss what fails once in ten. Of the few runs of each task alone the strictest counts. One missed sign
+  of a block's eleven decides its goal.
+- Linux default is what the chart requests, 10m a task, also the least of a static weight.
 """
-UNDONE = "what is suspended is [not done](details.md#total-times-and-the-work-that-was-done-in-them), which saves time"
+UNDONE = "[work left undone](details.md#total-times-and-the-work-that-was-done-in-them) shortens it"
 """Without this a total time would praise what leaves most undone."""
 RIVALRY = """\
 Each point is one set of weights that the search for static ones tried, on its first story, once. A set that keeps both
 tasks is at the top right; where there is one, contexts gain no deadlines.
 """
 REPEAT = """\
-    make experiments                                             # all of it; goes on where it stopped
+    make experiments                                             # resumes where it stopped
     python -m timelines.experiments --report-only                # every figure here, from the committed data
 
 """
@@ -117,7 +117,7 @@ def _first_page(evidence: Evidence, found: Sequence[Verdict]) -> Iterator[str]:
             yield rows
         if rows and load == HEAVY:
             yield COSTS
-            yield tables.costs(evidence, load, SHOWN)
+            yield tables.costs(evidence, load, SHOWN, alike=False)
     absent = tables.absences(evidence)
     if absent:
         yield absent
@@ -168,9 +168,7 @@ def _claim(found: Sequence[Verdict]) -> str:
 
 def _machine(evidence: Evidence) -> str:
     every = tables.all_runs(evidence)
-    machines = {
-        "{processor}, {cores} cores, {memory_gib} GiB, Linux {kernel}".format(**one.about["machine"]) for one in every
-    }
+    machines = {"{processor}, {cores} cores, Linux {kernel}".format(**one.about["machine"]) for one in every}
     dates, loads = sorted(one.about["date"][:10] for one in every), evidence.frozen.get("loads")
     words = [f"Machine: {'; '.join(sorted(machines))}. {len(every)} runs, {dates[0]} to {dates[-1]}. {_code(every)}"]
     if not loads:
@@ -178,18 +176,12 @@ def _machine(evidence: Evidence) -> str:
         return f"{words[0]} **Nothing was calibrated: a quick look** ({', '.join(used)}).\n"
     asked, played = evidence.frozen["asked"], {one.load for one in every}
     shared = (
-        f"{load} load {asked[load]:g} times {_capacity(every, load, *own)}"
+        f"{load} load {asked[load]:g} times {Capacity(*own)} processors"
         for load, own in loads.items()
         if load in played
     )
-    words.append(f"The tasks want, of so many processors at such a part of a whole one's pace: {', '.join(shared)}.")
+    words.append(f"The tasks want: {', '.join(shared)} ([at what pace](details.md#{CALIBRATED})).")
     return " ".join(words) + "\n"
-
-
-def _capacity(every: Sequence[Record], load: str, processors: int, part: float) -> str:
-    """What the tasks should share, and what they could do on each processor according to what slowed it."""
-    left = [part * one.about["pace"]["left"] for one in every if one.load == load]
-    return f"{Capacity(processors, part)}{f' (measured: {fmean(left):.3f})' if left else ''}"
 
 
 def _code(every: Sequence[Record]) -> str:
@@ -249,7 +241,7 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
         yield totals
     yield f"## Threats to validity\n\n{THREATS}"
     yield f"## Repeat it\n\n{REPEAT}"
-    yield "[details.md](details.md): how every input ended, context onsets, accuracy, the player's own lateness.\n"
+    yield "[Details](details.md): every case, input and configuration.\n"
 
 
 def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Iterator[str]:

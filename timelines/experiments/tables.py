@@ -127,8 +127,11 @@ def all_runs(evidence: Evidence) -> list[Record]:
     return [record for blocks in evidence.runs.values() for record in blocks.values()]
 
 
-def costs(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) -> str:
-    """What was done in time of all that came, in percent, and how right it was: what each division costs whom."""
+def costs(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS, *, alike: bool = True) -> str:
+    """What was done in time of all that came, in percent, and how right it was: what each division costs whom.
+
+    Without `alike` only columns in which divisions differ, and the last one.
+    """
     found = runs_of(evidence, load, names)
     compared = [run for runs in found.values() for run in runs]
     sharing = [task for task in CONTENDING if any(task in run.schedule.inputs for run in compared)]
@@ -137,7 +140,10 @@ def costs(evidence: Evidence, load: str, names: Iterable[str] = CONFIGURATIONS) 
     for name, runs in found.items():
         done = [in_time(rates.endings(runs, task)) for task in sharing]
         rows.append([CONFIGURATIONS[name].title, *done, *(_right(runs, task) for task in judged), _cpu(name, runs)[0]])
-    return table(["", *sharing, *judged.values(), TAKEN], rows) if rows else ""
+    columns = list(zip(["", *sharing, *judged.values(), TAKEN], *rows, strict=True))
+    shown = [one for one in columns if alike or one[0] in ("", TAKEN) or len(set(one[1:])) > 1]
+    head, *lines = zip(*shown, strict=True)
+    return table(head, lines) if rows else ""
 
 
 def in_time(counts: Mapping[Ending, float]) -> str:
@@ -272,7 +278,10 @@ def papers(evidence: Evidence) -> str:
 
 
 def _times(speedup: Interval | None) -> str:
-    return f"{speedup.mean:.2f} [{speedup.low:.2f}, {speedup.high:.2f}]" if speedup else NONE
+    if speedup is None:
+        return NONE
+    mean, low, high = (f"{one:.2f}" for one in (speedup.mean, speedup.low, speedup.high))
+    return mean if low == high else f"{mean} [{low}, {high}]"
 
 
 def _work(runs: Sequence[Run]) -> list[str]:
