@@ -99,6 +99,12 @@ def test_what_the_others_lose_counts_what_no_context_wants_as_well():
     assert row(text, "each task alone")[1:] == ["100.0", "100.0", "-", "-"]  # as many times as long: nobody's CPU
 
 
+def test_a_column_in_which_no_division_differs_can_be_left_out():
+    text = tables.costs(SOME, HEAVY, ["linux", "weights-gated"], alike=False)
+    assert row(text, "")[1:] == ["slam", tables.TAKEN]
+    assert row(text, "context weights, gated")[1:] == ["50.0", "8"]
+
+
 def test_what_is_read_where_it_matters_stands_beside_what_is_read_at_all():
     judged = {"signs": ["signs read", 50.0, "%", 8, True], "read: signs": ["signs read", 100.0, "%", 4, True]}
     text = tables.costs(evidence(a_run("linux", accuracy=judged)), HEAVY)
@@ -141,7 +147,7 @@ def test_a_total_time_stands_beside_that_of_the_same_work_as_well():
     timed = [replace(one, about={**one.about, "finished": times[one.configuration]}) for one in runs]
     text = tables.papers(evidence(*timed))
     assert row(text, "exp3", "context limits, gated")[2:4] == ["1.50", "1.20"]
-    assert row(text, "exp3", "Linux default, gated")[2:4] == ["1.25 [1.25, 1.25]", "-"]
+    assert row(text, "exp3", "Linux default, gated")[2:4] == ["1.25", "-"]
 
 
 ABSENT = [Absent("heavy", story, "limits", 0, "no agent") for story in ("library", "hotel")]
