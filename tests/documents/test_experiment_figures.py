@@ -95,6 +95,30 @@ def test_how_much_sooner_the_papers_stories_could_end_at_all():
     assert f"exp1 to exp3, {len(paths)} block" in PAGE
 
 
+def test_what_the_papers_stories_do_in_time():
+    lines = DETAILS[DETAILS.index("## Paper load") :].splitlines()
+    rows = {line.split(" | ")[0].strip("| "): line.split(" | ") for line in reversed(lines) if " | " in line}
+    slam = [rows[name][2] for name in ("Linux default", "Linux default, gated")]
+    weights, limits = (rows[f"context {name}, gated"] for name in ("weights", "limits"))
+    said = f"Linux' default does {slam[0]} %, {slam[1]} % with the same tasks suspended, context weights {weights[2]} %"
+    assert f"{said}, context limits {limits[2]} %" in PAGE
+    assert limits[5] == rows["context limits by resize, gated"][5]
+    assert f"the tasks use {limits[5]} % of what they could have" in PAGE
+
+
+def limited(pattern):
+    """How fast processors were in runs under limits, as a part of what those counted on, less one."""
+    runs = [one for path in sorted(DATA.glob(pattern)) for one in records(path.read_bytes())]
+    under = [one.about for one in runs if CONFIGURATIONS[one.configuration].control == "Limit"]
+    return [about["pace"]["speed"] / about["expected"] - 1 for about in under]
+
+
+def test_how_far_off_the_speed_was_that_limits_counted_on():
+    before = limited("blocks/[2-5]-*.json.xz")
+    assert f"all {len(before)} runs under limits before were within it" in PAGE
+    assert f"the farthest off by {100 * max(map(abs, before)):.0f} %" in PAGE
+
+
 @pytest.fixture(scope="module")
 def light():
     """Runs under light load by configuration."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from timelines.experiments import rates
 from timelines.experiments.accounting import Ending
 from timelines.experiments.blocks import HEAVY
+from timelines.experiments.capacity import Capacity
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX, requests
 from timelines.experiments.tables import NONE, all_runs, gain, percent, runs_of, short, table
 
@@ -105,6 +106,17 @@ def player(evidence: Evidence, load: str) -> str:
         busiest = max(run.record.about["load"] for run in runs)
         rows.append([CONFIGURATIONS[name].title, f"{middle:.1f} ms", f"{most:.1f} ms", f"{100 * busiest:.0f} %"])
     return table(["", "player late, median", "99 %", "busiest before a run"], rows)
+
+
+def paces(evidence: Evidence) -> str:
+    """How much of a whole processor's pace each of the tasks' should do, and what slowed it says that it did."""
+    every = all_runs(evidence)
+    found = []
+    for load, (processors, part) in evidence.frozen["loads"].items():
+        left = [part * one.about["pace"]["left"] for one in every if one.load == load]
+        if left:
+            found.append(f"{load} load {Capacity(processors, part)} (measured: {fmean(left):.3f})")
+    return f"Processors, and the part of a whole one's pace that each has: {', '.join(found)}.\n"
 
 
 def measures(evidence: Evidence) -> str:

@@ -53,7 +53,7 @@ The tasks' CPU is what slows the processors leaves them. The control includes th
 """
 SWEPT = """\
 Brackets of three blocks are ranges. The ten are [of an earlier router, reader and static
-weights](../../docs/measurements/paper-experiments.md).
+weights](../../docs/measurements/paper-experiments.md), 1.6 of the second machine.
 """
 COSTS = """\
 In time of **all** that came, wanted or not, and what came of it, where divisions differ:
@@ -89,8 +89,8 @@ Each point is one set of weights that the search for static ones tried, on its f
 tasks is at the top right; where there is one, contexts gain no deadlines.
 """
 REPEAT = """\
-    make experiments                                             # resumes where it stopped
-    python -m timelines.experiments --report-only                # every figure here, from the committed data
+    make experiments                                             # resumes
+    python -m timelines.experiments --report-only                # every figure, from committed data
 
 """
 
@@ -241,7 +241,7 @@ def _second_page(evidence: Evidence, figures: Path) -> Iterator[str]:
         yield totals
     yield f"## Threats to validity\n\n{THREATS}"
     yield f"## Repeat it\n\n{REPEAT}"
-    yield "[Details](details.md): every case, input and configuration.\n"
+    yield "[Details](details.md).\n"
 
 
 def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Iterator[str]:
@@ -249,6 +249,7 @@ def _details(evidence: Evidence, found: Sequence[Verdict], figures: Path) -> Ite
     if "loads" in evidence.frozen:
         yield "## What was calibrated, and then frozen\n"
         yield detail_tables.calibrated(evidence.frozen, tables.all_runs(evidence)[0].about["machine"]["cores"])
+        yield detail_tables.paces(evidence)
     yield tables.alone(evidence)
     yield "## Which code was run\n"
     yield _codes(tables.all_runs(evidence))

@@ -252,7 +252,8 @@ def totals(evidence: Evidence) -> str:
     found = {(story, title): speedup for story, title, speedup in speedups(evidence)}
     titles, stories = (list(dict.fromkeys(cell[place] for cell in found)) for place in (1, 0))
     rows = [[title, *(_times(found.get((story, title))) for story in stories)] for title in titles]
-    return table(["", *stories], rows) if rows else ""
+    counts = [str(max(one.pairs for (own, _), one in found.items() if own == story)) for story in stories]
+    return table(["", *stories], [["blocks", *counts], *rows]) if rows else ""
 
 
 def papers(evidence: Evidence) -> str:

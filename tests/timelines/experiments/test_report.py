@@ -105,6 +105,11 @@ def test_it_says_how_much_the_tasks_want_of_what_there_is(text):
     assert "want: heavy load 1.21 times 1 x 0.8 processors ([at" in text  # nothing was run under any other
 
 
+def test_the_details_have_how_slow_it_was(out):
+    details = (out / "details.md").read_text(encoding="utf-8")
+    assert "pace that each has: heavy load 1 x 0.8 (measured: 0.784).\n" in details
+
+
 def test_the_details_have_what_was_calibrated(out):
     details = (out / "details.md").read_text(encoding="utf-8")
     assert "| slam | 0.25 | 100 ms | 100.0 % | 120 (143m) | 16 (500m) |" in details

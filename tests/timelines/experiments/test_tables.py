@@ -87,6 +87,7 @@ def test_the_papers_measure_has_a_column_for_each_story():
     assert row(tables.papers(SOME), "exp1", "context limits, gated")[2:] == [*("1.50", "-", "100.0", "0.0", "3", "0")]
     assert row(tables.totals(SOME), "") == ["", "exp1"]
     assert row(tables.totals(SOME), "context limits, gated")[1:] == ["1.50"]
+    assert row(tables.totals(SOME), "blocks")[1:] == ["3"]
     assert tables.totals(evidence(a_run("linux"))) == ""
 
 
