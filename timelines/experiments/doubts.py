@@ -21,12 +21,14 @@ if TYPE_CHECKING:
 
 APART = dt.timedelta(hours=2)
 """Between a block's first run and its last: beyond this it was interrupted."""
+SURELY = 250
+"""Characters of a reason that a run keeps of it."""
 
 
 def doubts(evidence: Evidence) -> str:
     """A line for each reason to doubt the runs. Empty without any."""
     runs = all_runs(evidence)
-    single = (*_given_up(runs), *_begun_again(runs), *_violated(runs), *_off(evidence))
+    single = (*_given_up(runs), *_begun_again(evidence), *_violated(runs), *_off(evidence))
     return "".join((*single, *_mixed(runs)))
 
 
@@ -39,11 +41,20 @@ def _given_up(every: Iterable[Record]) -> Iterator[str]:
             )
 
 
-def _begun_again(every: Iterable[Record]) -> Iterator[str]:
-    for one in every:
-        if failures := one.about["failures"]:
+def _begun_again(evidence: Evidence) -> Iterator[str]:
+    for one in all_runs(evidence):
+        if failures := [*one.about["failures"], *_set_aside(evidence, one)]:
             reasons = "; ".join(dict.fromkeys(" ".join(reason.split()) for reason in failures))
             yield f"- {_name(one)}: begun {len(failures) + 1} times: {reasons}.\n"
+
+
+def _set_aside(evidence: Evidence, one: Record) -> Iterator[str]:
+    """Why earlier attempts do not count of which a run does not know, since it was played again later."""
+    known = " ".join(one.about["failures"])
+    for other in evidence.rejected:
+        same = (other.load, other.story, other.configuration, other.block)
+        if same == (one.load, one.story, one.configuration, one.block):
+            yield from (reason for reason in other.about["failures"] if reason[:SURELY] not in known)
 
 
 def _violated(every: Iterable[Record]) -> Iterator[str]:

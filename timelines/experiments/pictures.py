@@ -17,7 +17,14 @@ from matplotlib.image import imread
 from contextpolicy.explain.palette import task_colors
 from contextpolicy.simulation.drawing import INK, LANE, STYLE, draw_lanes, draw_shares, name_ends
 from timelines.experiments import rates, tables
-from timelines.experiments.configurations import CONFIGURATIONS, LINUX_GATED, STATIC_GATED, WEIGHTS_GATED
+from timelines.experiments.configurations import (
+    ALONE,
+    CONFIGURATIONS,
+    FACTORS,
+    LINUX_GATED,
+    STATIC_GATED,
+    WEIGHTS_GATED,
+)
 from timelines.experiments.stories import CRITICAL
 from timelines.experiments.tasks import TASKS
 
@@ -39,7 +46,7 @@ COMPARED = {LINUX_GATED.name: (OTHERS, 1.0), STATIC_GATED.name: (INK, 1.0), WEIG
 
 def draw_factors(evidence: Evidence, load: str, path: Path) -> bool:
     """Each context's critical task under each configuration: its hit rate with the interval over blocks."""
-    found = tables.runs_of(evidence, load)
+    found = tables.runs_of(evidence, load, [one.name for one in (*FACTORS, ALONE)])
     about = rates.by_context(run.schedule for runs in found.values() for run in runs)
     if not about:
         return False

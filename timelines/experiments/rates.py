@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from timelines.experiments.accounting import Ending, Tally
 from timelines.experiments.cpu_account import MACHINE
 from timelines.experiments.due import TENTHS
-from timelines.experiments.metrics import contexts
+from timelines.experiments.metrics import Pair, contexts, cpu_per_input
 from timelines.experiments.paired import bootstrap
 
 if TYPE_CHECKING:
@@ -43,15 +43,12 @@ def _by_block(runs: Sequence[Run], task: str, context: str | None = None) -> Int
     tallies: dict[int, list[Tally]] = {}
     for run in runs:
         tallies.setdefault(run.record.block, []).append(run.tally(task, context))
-    due = {block: sum(one.due for one in own) for block, own in tallies.items()}
-    values = [
-        sum(one.count(Ending.IN_TIME) for one in own) / due[block] for block, own in tallies.items() if due[block]
-    ]
+    values = [_pooled(own) for own in tallies.values() if any(one.due for one in own)]
     return bootstrap(values) if values else None
 
 
 def worst_context(runs: Sequence[Run]) -> Interval | None:
-    """The least hit rate of a critical task in a context, over blocks."""
+    """The least hit rate of a critical task in a context, over blocks; what a block's stories ask is one value."""
     about = by_context(run.schedule for run in runs)
     blocks = {run.record.block: [one for one in runs if one.record.block == run.record.block] for run in runs}
     rates = {block: [critical(own, context, task) for context, task in about.items()] for block, own in blocks.items()}
@@ -66,10 +63,16 @@ def endings(runs: Sequence[Run], task: str) -> Mapping[Ending, float]:
 
 
 def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] | None:
-    """The critical task's hit rate at the context's onset, and after it."""
+    """The critical task's hit rate at the context's onset, and after it: what was due in all runs is one value."""
     own = [run for run in runs if context in contexts(run.schedule)]
-    pairs = [[run.tally(task, context, onset=early).hit for early in (True, False)] for run in own]
-    return (fmean(early for early, _ in pairs), fmean(later for _, later in pairs)) if pairs else None
+    early, later = ([run.tally(task, context, onset=part) for run in own] for part in (True, False))
+    return (_pooled(early), _pooled(later)) if own else None
+
+
+def _pooled(tallies: Sequence[Tally]) -> float:
+    """The hit rate over what was due in several runs."""
+    due = sum(one.due for one in tallies)
+    return sum(one.count(Ending.IN_TIME) for one in tallies) / due if due else math.nan
 
 
 def right(runs: Sequence[Run], task: str) -> Interval | None:
@@ -85,11 +88,24 @@ def right(runs: Sequence[Run], task: str) -> Interval | None:
 
 def covered(runs: Sequence[Run], task: str) -> Interval | None:
     """The part of what is wanted of a task that came to something (see `Run.covered`), over blocks."""
-    found: dict[int, list[float]] = {}
+    found: dict[int, list[tuple[float, float]]] = {}
     for run in runs:
-        if task in run.schedule.inputs and run.tally(task).due:
-            found.setdefault(run.record.block, []).append(run.covered(task))
-    return bootstrap([fmean(own) for own in found.values()]) if found else None
+        if task in run.schedule.inputs and (due := run.tally(task).due):
+            found.setdefault(run.record.block, []).append((run.covered(task), due))
+    means = [fmean(values, counts) for values, counts in (zip(*own, strict=True) for own in found.values())]
+    return bootstrap(means) if means else None
+
+
+def work_of_same(runs: Sequence[Run], others: Sequence[Run]) -> float | None:
+    """The work that inputs took which runs of the same story both did, as a part of the others'. None without any."""
+    pairs = [
+        Pair(run.schedule, run.record, other.record)
+        for run in runs
+        for other in others
+        if run.record.story == other.record.story
+    ]
+    found = [case.value for pair in pairs for case in cpu_per_input(pair).values()]
+    return median(found) if found else None
 
 
 def used(runs: Sequence[Run], containers: Iterable[str]) -> float:

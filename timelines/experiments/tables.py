@@ -35,6 +35,10 @@ JUDGED = {
     "speech": "commands heard, %",
 }
 """The tasks whose results are right or wrong, and one of them in its context, with their measure."""
+WORK = "work of the same inputs"
+"""A row's head: in percent of that at the heavy load."""
+TALKING = "talk: speech"
+"""The task that listens to commands, in the context in which it matters most."""
 TAKEN = "of the tasks' CPU used, %"
 """A column's head; the tasks' CPU is what slows the processors leaves them."""
 
@@ -75,7 +79,16 @@ def sweep(evidence: Evidence) -> str:
         [one.title, *(percent(rates.worst_context(found[load].get(one.name, ()))) for load in loads)]
         for one in DIVISIONS
     ]
-    return table(["", *(f"{LOADS[load]:g}" for load in loads)], [_counts(found), *rows])
+    head = ["", *(f"{LOADS[load]:g}" for load in loads)]
+    return table(
+        head, [_counts(found), *rows, [WORK, *(_work_of_same(own, found.get(HEAVY, {})) for own in found.values())]]
+    )
+
+
+def _work_of_same(own: Mapping[str, Sequence[Run]], heavy: Mapping[str, Sequence[Run]]) -> str:
+    """Under Linux default, which every load has; where another machine does the same in less, its load is smaller."""
+    part = rates.work_of_same(own.get(LINUX.name, ()), heavy.get(LINUX.name, ()))
+    return NONE if part is None else f"{100 * part:.0f}"
 
 
 def _counts(found: Mapping[str, Mapping[str, Sequence[Run]]]) -> list[str]:
@@ -154,6 +167,13 @@ def in_time(counts: Mapping[Ending, float]) -> str:
 def _right(runs: Sequence[Run], task: str) -> str:
     found = rates.right(runs, task)
     return f"{found.mean:.1f}" if found else NONE
+
+
+def heard(evidence: Evidence, load: str, names: Iterable[str]) -> str:
+    """How many commands were heard while talking: what a hit rate does not have. Empty without any."""
+    found = ((name, rates.right(runs, TALKING)) for name, runs in runs_of(evidence, load, names).items())
+    said = "; ".join(f"{CONFIGURATIONS[name].title} {one.mean:.1f}" for name, one in found if one)
+    return f"Commands heard while talking, % (no goal): {said}.\n" if said else ""
 
 
 def _absent(evidence: Evidence, load: str, found: Iterable[str]) -> list[str]:

@@ -56,9 +56,14 @@ def a_run(  # noqa: PLR0913 - what a run differs in, by keyword
     return Record(load, story, configuration, block, columns, late, ABOUT, **whole)
 
 
+def changed(record, **about):
+    """With something else said of what it ran on."""
+    return replace(record, about={**record.about, **about})
+
+
 def at_speed(record, speed):
     """On processors so many times as fast as whole ones."""
-    return replace(record, about={**record.about, "pace": {**ABOUT["pace"], "speed": speed * WHOLE}})
+    return changed(record, pace={**ABOUT["pace"], "speed": speed * WHOLE})
 
 
 def evidence(*records, frozen=None, absent=()):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imsave
 
-from tests.timelines.experiments.made_up import FROZEN, SCHEDULE, a_run, evidence, some_runs
+from tests.timelines.experiments.made_up import FROZEN, SCHEDULE, a_run, changed, evidence, some_runs
 from timelines.experiments.__main__ import DATA
 from timelines.experiments.evidence import Absent, Evidence
 from timelines.experiments.report import write_report
@@ -77,12 +77,24 @@ def with_signs(run):
 
 
 def test_where_attempts_do_not_count_the_details_show_what_the_first_ones_say(tmp_path):
-    attempt = replace(a_run("linux", slam="d" * 10), about={**a_run("linux").about, "failures": ["late"]})
+    attempt = changed(a_run("linux", slam="d" * 10), failures=["late"])
     found = evidence(a_run("linux"))
     for rejected, shown in (([attempt], True), ([], False)):
         write_report(replace(found, rejected=rejected), tmp_path)
         details = (tmp_path / "details.md").read_text(encoding="utf-8")
         assert ("## If each run's first attempt counted" in details) is shown
+
+
+def test_first_attempts_are_shown_at_all_loads(tmp_path):
+    """Where few blocks were played a repeated run weighs most."""
+    runs = [a_run("linux", load=load, story=story) for load, story in (("heavy", "library"), ("1.1", "library"))]
+    late = changed(a_run("linux", load="1.1", slam="iiidd" + "iiiii"), failures=["late"])
+    soon = changed(a_run("weights-gated", load="paper", story="exp1"), finished=5.25)
+    paper = [a_run(name, load="paper", story="exp1") for name in ("linux", "weights-gated")]
+    write_report(replace(evidence(*runs, *paper), rejected=[late, soon]), tmp_path)
+    [_, first] = (tmp_path / "details.md").read_text(encoding="utf-8").split("## If each run's first attempt counted")
+    assert "| Linux default | 60.0 | 100.0 |" in first
+    assert "| exp1 | context weights, gated | 2.00 |" in first
 
 
 def test_the_details_have_the_goals_without_the_first_heavy_block(out):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.timelines.experiments.made_up import SCHEDULE, a_run, at_speed, evidence, some_runs
+from tests.timelines.experiments.made_up import SCHEDULE, a_run, at_speed, changed, evidence, some_runs
 from timelines.experiments import detail_tables, doubts, tables
 from timelines.experiments.blocks import HEAVY, PLAN
 from timelines.experiments.evidence import Absent
@@ -195,6 +195,11 @@ def test_other_loads_stand_beside_the_heavy_one():
     assert tables.sweep(evidence(a_run("static"))) == ""
 
 
+def test_a_machine_on_which_the_same_inputs_are_less_work_is_a_smaller_load():
+    runs = [a_run("linux"), a_run("linux", block=1), a_run("linux", load="1.6", cpu=0.015), a_run("static", load="1.1")]
+    assert row(tables.sweep(evidence(*runs)), "work of the same inputs")[1:] == ["-", "100", "75"]
+
+
 def test_goals_show_their_least_sure_case():
     goal = "each critical or protected task covers as much as alone, less 2 points"
     cells = row(tables.goals(verdicts(SOME)), "heavy", goal)
@@ -211,9 +216,30 @@ def test_onsets_stand_beside_what_comes_after_them():
     assert row(detail_tables.onsets(evidence(run), HEAVY), "Linux default", "drive: slam")[2:] == ["0.0", "100.0"]
 
 
+def test_in_an_onset_each_input_counts_once_whichever_story_it_is_of():
+    """One second of a story in which a frame of one is missed, and one in which none of two is."""
+    short, long = (
+        replace(SCHEDULE, keys={**SCHEDULE.keys, "robot/camera/stereo": times})
+        for times in ([0.0, 5.0], [0.0, 0.5, 5.0])
+    )
+    runs = [a_run("linux", slam="di"), a_run("linux", slam="iii", story="hotel")]
+    found = replace(evidence(*runs), schedules={"library": short, "hotel": long})
+    assert row(detail_tables.onsets(found, HEAVY), "Linux default", "drive: slam")[2] == "66.7"
+
+
 def test_accuracy_is_a_mean_over_blocks():
     cells = row(detail_tables.accuracies(SOME, HEAVY), "speech: commands heard", "Linux default")
     assert cells[2:] == ["75 [75, 75] %", "10"]
+
+
+def test_what_was_heard_stands_where_no_goal_judges_it():
+    runs = [
+        a_run(name, load="light", accuracy={"talk: speech": ["commands heard", value, "%", 8, True]})
+        for name, value in (("linux", 87.5), ("weights", 75.0))
+    ]
+    said = tables.heard(evidence(*runs, a_run("static", load="light")), "light", ["linux", "static", "weights"])
+    assert said.endswith(": Linux default 87.5; context weights 75.0.\n")
+    assert tables.heard(SOME, "light", ["linux"]) == ""
 
 
 def test_in_the_accuracy_of_a_block_each_sign_counts_once():
@@ -270,10 +296,6 @@ def test_a_run_in_which_a_decision_had_no_effect_counts_and_is_named():
     assert said.endswith("context weights, gated, block 1: counted as it was, though no plan had drive.\n")
 
 
-def changed(run, **about):
-    return replace(run, about={**run.about, **about})
-
-
 def test_a_block_of_several_codes_machines_or_days_is_named():
     other = {**a_run("linux").about["machine"], "kernel": "7"}
     late = changed(a_run("weights"), code="def5678", machine=other, date="2026-11-28T03:00:00+00:00")
@@ -286,6 +308,17 @@ def test_a_block_of_several_codes_machines_or_days_is_named():
 def test_a_run_that_had_to_be_begun_again_is_named():
     said = doubts.doubts(evidence(changed(a_run("linux"), failures=["DeployError: helm: timed\nout"])))
     assert said == "- library, heavy load, Linux default, block 1: begun 2 times: DeployError: helm: timed out.\n"
+
+
+def test_attempts_before_a_run_was_played_again_are_named_as_well():
+    """It knows only of those in the same call; what was set aside earlier is kept beside it."""
+    own, earlier, other = "RejectedError: late", "98 % of their pace", "of another block"
+    kept = [changed(a_run("linux"), failures=[reason]) for reason in ("late", earlier)]
+    kept.append(changed(a_run("linux", block=1), failures=[other]))
+    found = replace(evidence(changed(a_run("linux"), failures=[own])), rejected=kept)
+    assert doubts.doubts(found) == (
+        f"- library, heavy load, Linux default, block 1: begun 3 times: {own}; {earlier}.\n"
+    )
 
 
 def test_a_run_whose_work_turns_out_to_be_off_is_named():
