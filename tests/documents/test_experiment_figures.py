@@ -13,10 +13,10 @@ from timelines.experiments.accounting import Ending
 from timelines.experiments.configurations import CONFIGURATIONS, LINUX, PAPERS, VARIANTS, WEIGHTS_AT_ONCE
 from timelines.experiments.evidence import Evidence, read_schedule
 from timelines.experiments.metrics import Run
-from timelines.experiments.rates import work_of_same
+from timelines.experiments.rates import whole, work_of_same, worst_context
 from timelines.experiments.record import records
 from timelines.experiments.stories import PAPER, STORIES
-from timelines.experiments.tables import WORK, runs_of
+from timelines.experiments.tables import WORK, percent, runs_of
 
 ROOT = Path(__file__).parents[2]
 REPORT, DETAILS, README, PAGE, PREDICTION, REACTION = (
@@ -137,17 +137,63 @@ def test_which_runs_of_the_papers_stories_were_played_again_for_their_speed():
 
 def test_first_attempts_at_the_papers_stories():
     first = DETAILS[DETAILS.index("## If each run's first attempt counted") :]
-    for name in ("context weights, gated", "Linux default, gated"):
-        assert re.search(rf"\| exp2 \| {name} \| 1\.24 \[", first)
-    assert "exp2 ends 1.24 times as soon under context weights, and as under gated" in PAGE
+    times = dict(re.findall(r"\| (exp\d \| context [^|]+) \| ([\d.]+) \[", first))
+    exp2, exp3 = (times[f"{story} | context weights, gated"] for story in ("exp2", "exp3"))
+    limits, resized = (times[f"exp2 | context limits{how}, gated"] for how in ("", " by resize"))
+    assert f"exp2 ends {exp2} times as soon under context weights" in PAGE
+    assert f"exp3 {exp3} times, with a block at {re.findall(exp3 + r' .([0-9.]+),', first)[0]}" in PAGE
+    assert f"in exp2 ({limits}, by resize {resized})" in PAGE
+    hits = dict(re.findall(r"\| (context [^|]+) \| 3 \| ([\d.]+) \[", first[first.index("Paper load") :]))
+    assert f"context limits had {hits['context limits, gated']} % in time" in PAGE
+
+
+def test_what_limits_by_resize_do_on_the_papers_stories():
+    hits = details_rows("Paper load")["context limits by resize, gated"][0]
+    assert f"With limits by resize {hits[2]} % were in time" in PAGE
+    assert f"the IMU, which is protected, kept {hits[4]} %" in PAGE
+
+
+def test_how_far_off_slam_is_with_modules_that_adapt():
+    text = DETAILS[DETAILS.index("\n## Heavy load\n") :]
+    off = dict(reversed(re.findall(r"\| slam: ATE \| ([^|]+) \| ([\d.]+) \[", text)))
+    plain, weights = (1000 * float(off[f"{one}, gated, adaptive"]) for one in ("Linux default", "context weights"))
+    assert f"SLAM is off by\n  {plain:.0f} mm under Linux' default, by {weights:.0f} under context weights" in PAGE
+
+
+def work(runs, others):
+    """For the same inputs, as a part of the others'."""
+    part = work_of_same(runs, others)
+    assert part is not None
+    return part
+
+
+def test_at_the_largest_load_runs_differ():
+    """By work for the same inputs, each division against itself at the heavy load."""
+    evidence = Evidence.read(DATA)
+    parts, attempts = [], []
+    for name in ("linux", "static", "weights"):
+        heavy = runs_of(evidence, "heavy", [name])[name]
+        parts += [work([run], heavy) for run in runs_of(evidence, "1.6", [name])[name]]
+        own = [one for one in evidence.rejected if (one.load, one.configuration, one.block) == ("1.6", name, 2)]
+        attempts += [work([Run(evidence.schedules[one.story], one)], heavy) for one in own]
+    assert f"range from {1.6 * min(parts):.2f} to {1.6 * max(parts):.2f} by that measure" in PAGE
+    for name in ("linux", "static"):
+        every = runs_of(evidence, "1.6", [name])[name]
+        found = [worst_context([run for run in every if run.record.block == block]) for block in range(3)]
+        rates = [one.mean for one in found if one]
+        assert max(rates) == rates[0]
+    least, most = (f"{100 * part:.0f}" for part in (min(attempts), max(attempts)))
+    assert f"{ {4: 'four'}[len(attempts)] } attempts" in PAGE
+    assert f"took {least} to {most} % of the work at 1.4" in PAGE
 
 
 def test_how_much_less_work_the_variants_were():
     evidence = Evidence.read(DATA)
     at_once, settled = (runs_of(evidence, "heavy", [name])[name] for name in (WEIGHTS_AT_ONCE.name, "weights-gated"))
-    part = work_of_same(at_once, settled)
-    assert part is not None
-    assert f"The same inputs took {100 * (1 - part):.0f} % less work there than in the ten blocks" in PAGE
+    assert (
+        f"The same inputs took {100 * (1 - work(at_once, settled)):.0f} % less work there than in the ten blocks"
+        in PAGE
+    )
 
 
 def test_what_limits_lose_is_mostly_at_the_onset_of_contexts():
@@ -204,7 +250,7 @@ def test_what_light_load_costs(name, light):
     runs = light[name]
     late = [sorted(run.record.late["robot/imu/raw"]) for run in runs]
     cells = [
-        f"{100 * fmean(run.tally('slam').hit for run in runs):.1f}",
+        percent(whole(runs, "slam")).partition(" [")[0],
         f"{1000 * fmean(run.tail('navigation') for run in runs):.0f} ms",
         f"{sum(run.tail('slam') >= 50 for run in runs)}",
         f"{commands_heard(runs):.1f}",
@@ -280,15 +326,22 @@ def test_what_context_weights_cost_and_leave_at_a_smaller_load():
     assert f"weights {weights['signs-left']:.0f})" in PAGE
 
 
-def test_what_was_kept_of_no_attempt():
-    failures = [
-        failure
-        for path in sorted((DATA / "blocks").glob("2-heavy-*.json.xz"))
-        for one in records(path.read_bytes())
+def unanswered(pattern):
+    """The control of each run of which an attempt is not kept, since a task gave no answer in the end."""
+    every = (one for path in sorted(DATA.glob(pattern)) for one in records(path.read_bytes()))
+    return [
+        CONFIGURATIONS[one.configuration].control
+        for one in every
         for failure in one.about["failures"]
         if "no answer" in failure
     ]
-    assert {4: "four"}[len(failures)] + " times in the heavy blocks" in PAGE
+
+
+def test_what_was_kept_of_no_attempt():
+    assert unanswered("blocks/2-heavy-*.json.xz") == 4 * ["Limit"]
+    assert "that happened four times in the heavy blocks, each time under limits" in PAGE
+    assert unanswered("blocks/7-paper-*.json.xz") == 3 * ["Limit"]
+    assert "On the paper's stories it happened three times even so, again under limits" in PAGE
 
 
 def test_how_late_the_player_was_under_heavy_load():

@@ -22,7 +22,7 @@ from timelines.demo import deploy
 from timelines.experiments.blocks import PLAN, trials
 from timelines.experiments.campaign import Campaign, commit_folder
 from timelines.experiments.configurations import CONFIGURATIONS
-from timelines.experiments.evidence import Evidence, read_frozen, write_frozen
+from timelines.experiments.evidence import BLOCKS, Evidence, read_frozen, write_frozen
 from timelines.experiments.exclusive import exclusively
 from timelines.experiments.prepare import OutOfTimeError, Preparation, name, settings, tuned_weights
 from timelines.experiments.record import RecordError
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raw, options.data or (raw / "data" if quick else DATA), options.datasets, options.out / "timelines"
     )
     ran = options.report_only or _succeeds(lambda: _run_exclusively(options, folders, quick=quick))
-    reported = _succeeds(lambda: _report(folders.data, options.report or raw))
+    reported = _succeeds(lambda: _report(folders.data, options.report or raw, needed=options.report_only))
     return 0 if ran and reported else 1
 
 
@@ -63,9 +63,14 @@ def _succeeds(step: Callable[[], bool]) -> bool:
         return False
 
 
-def _report(data: Path, out: Path) -> bool:
-    """Write the report, also where runs have failed: what was measured before is worth reading."""
+def _report(data: Path, out: Path, *, needed: bool) -> bool:
+    """Write the report, also where runs have failed: what was measured before is worth reading.
+
+    RecordError if there are no runs and it is `needed`.
+    """
     evidence = Evidence.read(data)
+    if needed and not evidence.runs:
+        raise RecordError(f"{data}: no runs: expected blocks of runs below {data / BLOCKS}")
     if evidence.runs:
         Lines().say(f"report: {write_report(evidence, out)}")
     return True
@@ -145,6 +150,13 @@ def _story(text: str) -> str:
     return text
 
 
+def _count(text: str) -> int:
+    """At least one."""
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a whole number of at least 1")
+    return int(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m timelines.experiments",
@@ -152,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("stories", nargs="*", type=_story, metavar="STORY", help=", ".join(REPORTED))
-    parser.add_argument("--blocks", type=int, metavar="N", help="how many blocks of each part to run at most")
+    parser.add_argument("--blocks", type=_count, metavar="N", help="how many blocks of each part to run at most")
     parser.add_argument("--loads", nargs="+", default=(), choices=RUN, metavar="LOAD", help=", ".join(RUN))
     parser.add_argument(
         "--only",

@@ -50,13 +50,23 @@ class Kind(NamedTuple):
         return cls(kind(this_machine()), capacity, _limited(configuration))
 
 
+class Alike(NamedTuple):
+    """Runs in which the same inputs are as much work: machines differ in it by more than the rule allows."""
+
+    machine: str
+    load: str
+    story: str
+    limited: bool
+    adaptive: bool
+
+
 class Earlier:
     """The runs so far."""
 
     def __init__(self, runs: Iterable[Run] = ()) -> None:
         self._speeds: dict[Kind, deque[float]] = defaultdict(lambda: deque(maxlen=LATEST))
         self._first: dict[str, Run] = {}
-        self._works: dict[tuple[str, str, bool, bool], list[float]] = defaultdict(list)
+        self._works: dict[Alike, list[float]] = defaultdict(list)
         for run in sorted(runs, key=lambda run: str(run.record.about["date"])):
             self.add(run)
 
@@ -102,10 +112,11 @@ class Earlier:
         return found["all tasks"].value if found else None
 
 
-def _alike(record: Record) -> tuple[str, str, bool, bool]:
+def _alike(record: Record) -> Alike:
     """Of which runs the work for the same inputs should be about the same: modules that adapt do less when late."""
     adaptive = CONFIGURATIONS[record.configuration].adaptive
-    return record.load, record.story, _limited(record.configuration), adaptive
+    machine = kind(record.about["machine"])
+    return Alike(machine, record.load, record.story, limited=_limited(record.configuration), adaptive=adaptive)
 
 
 def _limited(configuration: str) -> bool:

@@ -298,7 +298,7 @@ def _as_first_played(evidence: Evidence) -> Iterator[str]:
     if evidence.rejected:
         yield "## If each run's first attempt counted\n"
         yield tables.goals(verdicts(first))
-        for load in (HEAVY, LIGHT):
+        for load in (HEAVY, LIGHT, PAPERS_LOAD):
             yield f"{load.capitalize()} load:\n"
             yield tables.of_load(first, load)
         yield "The worst context by load:\n"

@@ -483,10 +483,6 @@ def test_two_calls_on_one_machine_do_not_take_each_others_processors(monkeypatch
     assert command.main(["--data", str(tmp_path)]) == 0
 
 
-def test_without_a_choice_everything_is_reported(tmp_path):
-    assert command.main(["--report-only", "--data", str(tmp_path)]) == 0
-
-
 def test_an_unknown_story_or_configuration_is_refused(capsys):
     for arguments in (["magic"], ["--only", "magic"]):
         with pytest.raises(SystemExit):

@@ -117,6 +117,13 @@ def test_a_task_alone_takes_less_work_and_is_no_reason():
     assert list(earlier.reasons(run("alone", cpu=0.015))) == []
 
 
+def test_what_the_same_inputs_take_on_another_machine_says_nothing():
+    other = {**ABOUT["machine"], "kernel": "7"}
+    earlier = Earlier(run(machine=other) for _ in range(FEW))
+    assert list(earlier.reasons(run(cpu=0.015))) == []
+    assert list(earlier.reasons(run(cpu=0.015, machine=other))) != []
+
+
 def test_few_runs_do_not_say_what_is_usual():
     earlier = Earlier([run("alone"), *(run(cpu=0.025) for _ in range(FEW - 1))])
     assert list(earlier.reasons(run(cpu=0.015))) == []

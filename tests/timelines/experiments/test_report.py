@@ -10,7 +10,7 @@ import pytest
 from matplotlib.image import imsave
 
 from tests.timelines.experiments.made_up import FROZEN, SCHEDULE, a_run, changed, evidence, some_runs
-from timelines.experiments.__main__ import DATA
+from timelines.experiments.__main__ import DATA, main
 from timelines.experiments.evidence import Absent, Evidence
 from timelines.experiments.report import write_report
 
@@ -95,6 +95,25 @@ def test_first_attempts_are_shown_at_all_loads(tmp_path):
     [_, first] = (tmp_path / "details.md").read_text(encoding="utf-8").split("## If each run's first attempt counted")
     assert "| Linux default | 60.0 | 100.0 |" in first
     assert "| exp1 | context weights, gated | 2.00 |" in first
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--blocks", "0"], "invalid value '0': expected a whole number of at least 1"),
+        (["--blocks", "-1"], "invalid value '-1': expected a whole number of at least 1"),
+        (["--blocks", "many"], "invalid value 'many': expected a whole number of at least 1"),
+    ],
+)
+def test_there_is_no_set_of_no_blocks(arguments, said, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    assert said in capsys.readouterr().err
+
+
+def test_a_report_of_a_folder_without_runs_is_refused(tmp_path, capsys):
+    assert main(["--report-only", "--data", str(tmp_path / "misspelt")]) == 1
+    assert "misspelt: no runs: expected blocks" in capsys.readouterr().out.replace("\n", "")
 
 
 def test_the_details_have_the_goals_without_the_first_heavy_block(out):
