@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 UNKNOWN = "unknown"
 REPORTING = (
-    *("report.py", "tables.py", "detail_tables.py", "pictures.py", "film.py"),
+    *("report.py", "report_texts.py", "tables.py", "detail_tables.py", "pictures.py", "film.py"),
     *("rates.py", "verdicts.py", "paired.py", "doubts.py"),
 )
 CODE = (

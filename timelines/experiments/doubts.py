@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 APART = dt.timedelta(hours=2)
 """Between a block's first run and its last: beyond this it was interrupted."""
-SURELY = 250
-"""Characters of a reason that a run keeps of it."""
+KEPT = 250
+"""Characters of a reason that a run's own list surely has: it keeps so many more, and the error's name among them."""
 
 
 def doubts(evidence: Evidence) -> str:
@@ -54,7 +54,7 @@ def _set_aside(evidence: Evidence, one: Record) -> Iterator[str]:
     for other in evidence.rejected:
         same = (other.load, other.story, other.configuration, other.block)
         if same == (one.load, one.story, one.configuration, one.block):
-            yield from (reason for reason in other.about["failures"] if reason[:SURELY] not in known)
+            yield from (reason for reason in other.about["failures"] if reason[:KEPT] not in known)
 
 
 def _violated(every: Iterable[Record]) -> Iterator[str]:

@@ -47,8 +47,14 @@ def _by_block(runs: Sequence[Run], task: str, context: str | None = None) -> Int
     return bootstrap(values) if values else None
 
 
+def _pooled(tallies: Sequence[Tally]) -> float:
+    """The hit rate over what was due in several runs."""
+    due = sum(one.due for one in tallies)
+    return sum(one.count(Ending.IN_TIME) for one in tallies) / due if due else math.nan
+
+
 def worst_context(runs: Sequence[Run]) -> Interval | None:
-    """The least hit rate of a critical task in a context, over blocks; what a block's stories ask is one value."""
+    """The least hit rate of a critical task in a context, over blocks, whose stories are pooled."""
     about = by_context(run.schedule for run in runs)
     blocks = {run.record.block: [one for one in runs if one.record.block == run.record.block] for run in runs}
     rates = {block: [critical(own, context, task) for context, task in about.items()] for block, own in blocks.items()}
@@ -67,12 +73,6 @@ def onset(runs: Sequence[Run], context: str, task: str) -> tuple[float, float] |
     own = [run for run in runs if context in contexts(run.schedule)]
     early, later = ([run.tally(task, context, onset=part) for run in own] for part in (True, False))
     return (_pooled(early), _pooled(later)) if own else None
-
-
-def _pooled(tallies: Sequence[Tally]) -> float:
-    """The hit rate over what was due in several runs."""
-    due = sum(one.due for one in tallies)
-    return sum(one.count(Ending.IN_TIME) for one in tallies) / due if due else math.nan
 
 
 def right(runs: Sequence[Run], task: str) -> Interval | None:

@@ -11,7 +11,8 @@ from matplotlib.image import imsave
 
 from tests.timelines.experiments.made_up import FROZEN, SCHEDULE, a_run, changed, evidence, some_runs
 from timelines.experiments.__main__ import DATA, main
-from timelines.experiments.evidence import Absent, Evidence
+from timelines.experiments.evidence import BLOCKS, ENDING, Absent, Evidence, write_schedule
+from timelines.experiments.record import block
 from timelines.experiments.report import write_report
 
 
@@ -109,6 +110,15 @@ def test_there_is_no_set_of_no_blocks(arguments, said, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(arguments)
     assert said in capsys.readouterr().err
+
+
+def test_without_a_choice_everything_is_reported(tmp_path):
+    blocks = tmp_path / BLOCKS
+    blocks.mkdir()
+    (blocks / f"2-heavy-01{ENDING}").write_bytes(block([a_run("linux"), a_run("weights")]))
+    write_schedule(tmp_path, "library", SCHEDULE)
+    assert main(["--report-only", "--data", str(tmp_path), "--report", str(tmp_path / "out")]) == 0
+    assert "| context weights | 1 |" in (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
 
 
 def test_a_report_of_a_folder_without_runs_is_refused(tmp_path, capsys):
