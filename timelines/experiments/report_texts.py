@@ -12,8 +12,8 @@ Hit rates are over what the policy's contexts want of the timeline's inputs, the
 lost or suspended although it was wanted is a miss. The block is the unit: every configuration once per story, in random
 order. Brackets are 95 % bootstrap intervals over blocks; p is of a sign-flip test, by Holm's correction, and
 {LEAST:.3g} where all {HEAVY_BLOCKS} blocks agree. [Goals](../experiments/goals.py) were declared beforehand ([three
-measures changed](../../docs/measurements/paper-experiments.md#how-it-is-measured) after the first block); the least sure
-case of each decides.
+measures changed](../../docs/measurements/paper-experiments.md#how-it-is-measured) after the first block); the least
+sure case of each decides.
 """
 CORES = """\
 The tasks' CPU is what slows the processors leaves them. The control includes the router; cores are CPU seconds at
