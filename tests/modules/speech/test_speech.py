@@ -97,3 +97,52 @@ def test_sound_from_ros_is_heard_as_any_other(type_name):
     payload = encode(fields, type_name, stamp=START)
     SoundStream(gate).feed(Received(payload, START, 0, "audio", "cdr", type_name))
     assert gate.sound == b"\x01\x02\x03\x04"
+
+
+@pytest.fixture
+def recorder():
+    return Recorder()
+
+
+def feed(gate, stamps_ms, size=3200):
+    stream = SoundStream(gate)
+    for number, stamp in enumerate(stamps_ms):
+        stream.feed(Received(bytes([number + 1]) * size, START + stamp * 1_000_000, 0))
+    return stream
+
+
+def test_lost_chunks_are_concealed_by_the_one_before_them(recorder):
+    stream = feed(recorder, [100, 200, 500])
+    assert recorder.sound == b"\x01" * 3200 + b"\x02" * 9600 + b"\x03" * 3200
+    assert stream.time_of(0.45) == pytest.approx(START / 1e9 + 0.45)
+
+
+@pytest.mark.parametrize("late", [[160, 200, 300], [100, 270, 300], [100, 200, 340]])
+def test_a_chunk_that_is_late_is_no_lost_one(late, recorder):
+    feed(recorder, late)
+    assert recorder.sound == b"\x01" * 3200 + b"\x02" * 3200 + b"\x03" * 3200
+
+
+def test_short_chunks_may_be_late_by_more_than_they_last(recorder):
+    feed(recorder, [10, 50, 60], size=320)
+    assert recorder.sound == b"\x01" * 320 + b"\x02" * 320 + b"\x03" * 320
+
+
+def test_an_empty_chunk_does_no_harm(recorder):
+    feed(recorder, [100, 400], size=0)
+    assert recorder.sound == b""
+
+
+@needs_voices
+@pytest.mark.parametrize("lost", [3, 11, 40])
+def test_commands_after_a_lost_chunk_are_heard_as_if_it_had_come(chunks, lost):
+    every = hear(Speech(Listener()), chunks)
+    received = [Received(chunk, START + (i + 1) * CHUNK_NS, 0) for i, chunk in enumerate(chunks)]
+    task = Speech(Listener())
+    heard = [result.value for i, one in enumerate(received) if i != lost for result in task.process(one)]
+    after = START / 1e9 + (lost + 1) / 10 + 3
+    assert later(heard, after) == later(every, after)
+
+
+def later(heard, after):
+    return [(one["keyword"], round(one["at"], 1)) for one in heard if one["at"] > after]
