@@ -8,21 +8,13 @@ from statistics import fmean, median
 
 import pytest
 
-from modules.speech.listener import Listener
-from modules.speech.task import Speech
-from robotkit import Received
 from tests.documents.experiment_pages import DATA, DETAILS, PAGE, PREPARATION, REACTION, README, REPORT
-from tests.modules.sounds import needs_voices
-from timelines.datasets import speech
-from timelines.datasets.readers import read
 from timelines.experiments.configurations import CONFIGURATIONS
 from timelines.experiments.evidence import read_schedule
 from timelines.experiments.metrics import Run
 from timelines.experiments.rates import whole
 from timelines.experiments.record import records
-from timelines.experiments.stories import SCENARIOS
 from timelines.experiments.tables import percent
-from timelines.scenarios.scenario import load
 
 
 @pytest.fixture(scope="module")
@@ -105,25 +97,6 @@ def test_what_is_said_of_light_load(light):
     fewer = [pieces for own in heard.values() for part, pieces in own if part < max(own)[0]]
     assert f"All {len(fewer)} runs in which a command fewer was heard" in PAGE
     assert set(fewer) == {1}
-
-
-@needs_voices
-def test_what_these_runs_received_is_heard_as_if_nothing_had_been_lost(light, tmp_path):
-    speech.write(tmp_path, load(SCENARIOS / "hotel.yaml").script, progress=lambda _: None)
-    chunks = [payload for _, payload in read(tmp_path.parent, tmp_path.name)]
-    runs = [run.record for own in light.values() for run in own if run.record.story == "hotel"]
-    most = max(run.accuracy["talk: speech"][1] for run in runs)
-    fewer = [run.columns["speech"]["audio"].fates for run in runs if run.accuracy["talk: speech"][1] < most]
-    assert fewer
-    whole = [one["keyword"] for one in results(chunks, "i" * len(chunks))]
-    assert all([one["keyword"] for one in results(chunks, fates)] == whole for fates in fewer)
-
-
-def results(chunks, fates):
-    task = Speech(Listener())
-    due = enumerate(zip(chunks, fates, strict=False))  # the last chunk ends with the story, and is not due
-    received = (Received(chunk, (number + 1) * 100_000_000, 0) for number, (chunk, fate) in due if fate != "l")
-    return [result.value for one in received for result in task.process(one)]
 
 
 def test_what_the_first_law_says_of_hit_rates():
