@@ -243,6 +243,18 @@ def test_hanging_operator_is_not_shown_as_live(desk, watched):
     assert not is_grey(desk)
 
 
+def test_header_and_figures_agree_though_the_answer_gets_old_while_they_are_drawn(desk):
+    state, axis = desk.value(
+        "(() => { const { now } = performance, { setAttribute } = Element.prototype; let passed = 0;"
+        "performance.now = () => now.call(performance) + passed;"
+        "Element.prototype.setAttribute = function (...of) { passed = 4000; return setAttribute.apply(this, of); };"
+        "dispatchEvent(new Event('resize'));"
+        "Object.assign(performance, { now }); Object.assign(Element.prototype, { setAttribute });"
+        "return [state.textContent, weights.textContent]; })()"
+    )
+    assert ("now" in axis) == (state == "live")
+
+
 def test_age_counts_from_the_request_on_a_slow_link(desk, watched):
     """On a slow way an answer is old when it comes: made at once, it was under way for seconds."""
     desk.value(

@@ -110,11 +110,13 @@ const planAt = (moment) => {
 const boardAt = (moment) => view.seen.findLast((board) => board.now <= moment && moment - board.now < SEEN) || null;
 
 function draw() {
+  view.broken = "";
+  view.state = state(); // once: an answer may get old while the figures are drawn
   try {
     drawMoment();
-    view.broken = "";
   } catch (error) {
     view.broken = `This page failed: ${error}`;
+    view.state = state();
   }
   drawState();
 }
@@ -130,7 +132,6 @@ function state() {
 
 // Works whatever else fails, and without an answer.
 function drawState() {
-  view.state = state();
   write(at("state"), view.state);
   document.body.className = view.state.replaceAll(" ", "-");
   const last = view.heard === null ? "" : `last update ${Math.round(since(view.kept ?? view.heard))} s ago`;
@@ -147,7 +148,7 @@ function drawMoment() {
     return write(at("headline"), view.policy ? `No data from ${view.policy} yet` : `No policy here: none exists, or ${ELSEWHERE}.`);
   }
   const plan = past ? planAt(view.moment) : latest.plan, board = past ? boardAt(view.moment) : latest;
-  const current = state() === "live";
+  const current = view.state === "live";
   drawHeadline(plan, past, current);
   write(at("unseen"), board ? "" : "Streams, conditions, limits, use and reactions of this moment are unknown: " +
     "the operator records plans only, and this page was not open.");
